@@ -1,0 +1,37 @@
+"""Every refusal of the library: one line each that says what, where, how much and what next."""
+
+
+class S3leError(Exception):
+    """Base of every error this project raises on purpose."""
+
+
+class ParameterError(S3leError):
+    """A parameter is missing, misspelt, of the wrong type or out of its range."""
+
+
+class ClipError(S3leError):
+    """A motion clip cannot be read; names the file, the place in it and the reason."""
+
+
+class FetchError(S3leError):
+    """A clip could not be obtained or is not the file that was asked for."""
+
+
+class RobotError(S3leError):
+    """A robot description is unusable: file, field, value, and what is wanted."""
+
+
+class TableError(S3leError):
+    """A table is missing, of another schema or robot, or breaks one of its named rules."""
+
+
+class CertificateError(S3leError):
+    """A pose that should be feasible is not, by the independent check."""
+
+
+class TrainingError(S3leError):
+    """A training cannot go on: no data, a loss that is not finite, a foreign checkpoint."""
+
+
+class ModelError(S3leError):
+    """A stored model cannot be used: missing, damaged, or made for another robot."""

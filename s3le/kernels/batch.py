@@ -1,0 +1,264 @@
+"""Whole batches through the compiled kernels, on every core, in chunks that fit the cache.
+
+Rows are independent, so the result does not depend on how many workers share them.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from s3le.kernels.chain import Chain
+from s3le.kernels.distance import place_capsules, reach
+from s3le.kernels.kinematics import bones, place
+from s3le.kernels.solver import blend, clearance_of, minimise, restore
+
+Progress = Callable[[int], object]
+CHUNK = 256  # rows a worker takes at a time
+
+SAME, SOLVED, FALLBACK = 0, 1, 2  # how a projection came about
+
+
+class Projection(NamedTuple):
+    """Result of Proj_Q, one entry a row."""
+
+    q: np.ndarray  # [rad], (n, n_dof), feasible
+    how: np.ndarray  # uint8 (n,): SAME (was feasible), SOLVED, FALLBACK (towards the anchor)
+
+
+class Solution(NamedTuple):
+    """Result of following a skeleton, one entry a row."""
+
+    q: np.ndarray  # [rad], (n, n_dof)
+    cost: np.ndarray  # (n,), 1/2 |x(q) - x|^2 + ridge/2 |q - q_ref|^2
+    feasible: np.ndarray  # bool (n,)
+
+
+def workers() -> int:
+    """Processors this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def skeletons(chain: Chain, q: np.ndarray, progress: Progress | None = None) -> np.ndarray:
+    """Skeleton features x = FK(q): q (n, n_dof) [rad] -> (n, 21)."""
+    q = np.ascontiguousarray(q, float)
+    x = np.empty((len(q), 21))
+    _spread(lambda rows: _skeletons(chain, q[rows], x[rows]), len(q), progress)
+    return x
+
+
+def points(chain: Chain, q: np.ndarray) -> np.ndarray:
+    """The ten skeleton points of each pose, (n, 10, 3) [m], x forward, y left, z up."""
+    q = np.ascontiguousarray(q, float)
+    at = np.empty((len(q), len(chain.point), 3))
+    _points(chain, q, at)
+    return at
+
+
+def capsule_ends(chain: Chain, q: np.ndarray) -> np.ndarray:
+    """Both segment ends of every capsule, (n, bodies, 2, 3) [m], x forward, y left, z up."""
+    q = np.ascontiguousarray(q, float)
+    ends = np.empty((len(q), len(chain.body_radius), 2, 3))
+    _capsule_ends(chain, q, ends)
+    return ends
+
+
+def clearances(chain: Chain, q: np.ndarray, progress: Progress | None = None) -> np.ndarray:
+    """Least signed distance over the watched pairs [m], (n,); NaN where q is not finite."""
+    q = np.ascontiguousarray(q, float)
+    out = np.empty(len(q))
+    balls = reach(chain)
+    _spread(lambda rows: _clearances(chain, balls, q[rows], out[rows]), len(q), progress)
+    return out
+
+
+def project(
+    chain: Chain,
+    anchor: np.ndarray,
+    q: np.ndarray,
+    margin: float,
+    progress: Progress | None = None,
+) -> Projection:
+    """Proj_Q: for each relaxed pose the nearest feasible one found, least change in q (Sec. IV-B).
+
+    A feasible pose is returned as it is, to the bit.
+
+    Args:
+        chain: the robot.
+        anchor: a feasible pose [rad], (n_dof,), from which the fallback always succeeds.
+        q: relaxed poses [rad], (n, n_dof), finite.
+        margin: clearance wanted [m].
+        progress: called with numbers of rows done.
+    """
+    q = np.array(q, float, order="C")
+    how = np.empty(len(q), np.uint8)
+    balls = reach(chain)
+    _spread(
+        lambda rows: _project(chain, balls, anchor, margin, q[rows], how[rows]), len(q), progress
+    )
+    return Projection(q, how)
+
+
+def follow(
+    chain: Chain,
+    x: np.ndarray,
+    starts: np.ndarray,
+    q_ref: np.ndarray,
+    ridge: float,
+    margin: float,
+    constrained: bool,
+    progress: Progress | None = None,
+) -> Solution:
+    """Pose whose skeleton is nearest to x, the best of several starts.
+
+    Args:
+        chain: the robot.
+        x: wanted skeletons, (n, 21), finite.
+        starts: poses to start from [rad], (n, k, n_dof).
+        q_ref: pose that the ridge pulls to [rad], (n_dof,).
+        ridge: weight of |q - q_ref|^2, > 0; settles what the skeleton leaves open.
+        margin: clearance wanted [m].
+        constrained: respect limits and margin; otherwise neither.
+        progress: called with numbers of rows done.
+    """
+    starts = np.ascontiguousarray(starts, float)
+    x = np.ascontiguousarray(x, float)
+    q = np.empty((len(x), starts.shape[2]))
+    cost = np.empty(len(x))
+    feasible = np.empty(len(x), np.bool_)
+    balls = reach(chain)
+
+    def work(rows: slice) -> None:
+        _follow(
+            chain, balls, x[rows], starts[rows], q_ref, ridge, margin, constrained,
+            q[rows], cost[rows], feasible[rows],
+        )  # fmt: skip
+
+    _spread(work, len(x), progress)
+    return Solution(q, cost, feasible)
+
+
+def _spread(work: Callable[[slice], None], n: int, progress: Progress | None) -> None:
+    """Run work over slices of n rows on every core; the kernels release the interpreter lock."""
+    slices = [slice(i, min(i + CHUNK, n)) for i in range(0, n, CHUNK)]
+    if not slices:
+        return
+    work(slices[0])  # compiles once, in this thread
+    if progress:
+        progress(slices[0].stop)
+    with ThreadPoolExecutor(workers()) as pool:
+        for rows, _ in zip(slices[1:], pool.map(work, slices[1:]), strict=True):
+            if progress:
+                progress(rows.stop - rows.start)
+
+
+@njit(cache=True, nogil=True)
+def _skeletons(chain, q, x):
+    n = q.shape[1]
+    R = np.empty((n + 1, 3, 3))
+    p = np.empty((n + 1, 3))
+    z = np.empty((n, 3))
+    none = np.empty((0, n))
+    for row in range(len(q)):
+        place(chain, q[row], R, p, z)
+        bones(chain, R, p, z, x[row], none)
+
+
+@njit(cache=True, nogil=True)
+def _points(chain, q, at):
+    n = q.shape[1]
+    R = np.empty((n + 1, 3, 3))
+    p = np.empty((n + 1, 3))
+    z = np.empty((n, 3))
+    for row in range(len(q)):
+        place(chain, q[row], R, p, z)
+        for k in range(len(chain.point)):
+            f = chain.point_frame[k]
+            at[row, k] = chain.base @ (p[f] + R[f] @ chain.point[k])
+
+
+@njit(cache=True, nogil=True)
+def _capsule_ends(chain, q, out):
+    n = q.shape[1]
+    R = np.empty((n + 1, 3, 3))
+    p = np.empty((n + 1, 3))
+    z = np.empty((n, 3))
+    ends = np.empty((len(chain.body_frame), 3, 3))
+    for row in range(len(q)):
+        place(chain, q[row], R, p, z)
+        place_capsules(chain, R, p, ends)
+        for k in range(len(ends)):
+            for side in range(2):
+                out[row, k, side] = chain.base @ ends[k, side]
+
+
+@njit(cache=True, nogil=True)
+def _clearances(chain, balls, q, out):
+    for row in range(len(q)):
+        out[row] = clearance_of(chain, balls, q[row])
+
+
+@njit(cache=True, nogil=True)
+def _project(chain, balls, anchor, margin, q, how):
+    n = q.shape[1]
+    out = np.empty(3)
+    empty = np.empty(0)
+    for row in range(len(q)):
+        want = q[row].copy()
+        inside = True
+        for i in range(n):
+            inside = inside and chain.lower[i] <= want[i] <= chain.upper[i]
+            q[row, i] = min(max(want[i], chain.lower[i]), chain.upper[i])
+        if clearance_of(chain, balls, q[row]) >= margin:
+            how[row] = SAME if inside else SOLVED
+            continue
+        # Two starts: the clipped pose itself, and the feasible pose that blending leads to.
+        back = q[row].copy()
+        safe = blend(chain, balls, anchor, margin, back)
+        best = np.inf
+        for start in range(2):
+            if start == 1 and not safe:
+                break
+            trial = back.copy() if start == 1 else q[row].copy()
+            minimise(chain, balls, False, empty, want, 0.0, margin, True, 60, trial, out)
+            if clearance_of(chain, balls, trial) < margin and not restore(
+                chain, balls, margin, trial
+            ):
+                continue
+            far = 0.0
+            for i in range(n):
+                far += (trial[i] - want[i]) ** 2
+            if far < best:
+                best = far
+                kept = trial
+        if best < np.inf:
+            q[row] = kept
+            how[row] = SOLVED
+        else:
+            q[row] = back if safe else anchor
+            how[row] = FALLBACK
+
+
+@njit(cache=True, nogil=True)
+def _follow(chain, balls, x, starts, q_ref, ridge, margin, constrained, q, cost, feasible):
+    out = np.empty(3)
+    for row in range(len(x)):
+        best = np.inf
+        q[row] = starts[row, 0]
+        feasible[row] = False
+        for k in range(starts.shape[1]):
+            trial = starts[row, k].copy()
+            minimise(
+                chain, balls, True, x[row], q_ref, ridge, margin, constrained, 100, trial, out
+            )
+            if constrained and not clearance_of(chain, balls, trial) >= margin:
+                if not restore(chain, balls, margin, trial):
+                    continue
+            if out[0] < best:
+                best = out[0]
+                q[row] = trial
+                feasible[row] = True
+        cost[row] = best

@@ -1,0 +1,177 @@
+"""Signed capsule distances over the watched pairs, with gradients, compiled."""
+
+import numpy as np
+from numba import njit
+
+_TINY = 1e-12  # [m], under this two segments count as meeting
+
+
+@njit(cache=True, nogil=True)
+def place_capsules(chain, R, p, ends):
+    """World ends of every capsule's segment: ends (b, 2, 3) [m], and (b, 3) centres in ends[:, 2]."""
+    for k in range(len(chain.body_frame)):
+        f = chain.body_frame[k]
+        for i in range(3):
+            a = p[f, i]
+            b = p[f, i]
+            for m in range(3):
+                a += R[f, i, m] * chain.body_a[k, m]
+                b += R[f, i, m] * chain.body_b[k, m]
+            ends[k, 0, i] = a
+            ends[k, 1, i] = b
+            ends[k, 2, i] = 0.5 * (a + b)
+
+
+@njit(cache=True, nogil=True)
+def reach(chain):
+    """Radius [m] of the ball around each capsule's centre that contains it, (b,)."""
+    out = np.empty(len(chain.body_radius))
+    for k in range(len(out)):
+        d = chain.body_b[k] - chain.body_a[k]
+        out[k] = 0.5 * np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) + chain.body_radius[k]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def nearest_on_segments(A, B, witness):
+    """Distance [m] between segments A and B (rows 0 and 1), nearest points into witness (2, 3).
+
+    The minimum of a convex quadratic over the unit square: its free optimum if inside, otherwise
+    on an edge. Parallel and zero-length segments need no special case beyond the clamps.
+    """
+    d1 = A[1] - A[0]
+    d2 = B[1] - B[0]
+    r = A[0] - B[0]
+    a = d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
+    e = d2[0] * d2[0] + d2[1] * d2[1] + d2[2] * d2[2]
+    f = d2[0] * r[0] + d2[1] * r[1] + d2[2] * r[2]
+    c = d1[0] * r[0] + d1[1] * r[1] + d1[2] * r[2]
+    b = d1[0] * d2[0] + d1[1] * d2[1] + d1[2] * d2[2]
+    if a <= 1e-18 and e <= 1e-18:
+        s = t = 0.0
+    elif a <= 1e-18:
+        s = 0.0
+        t = min(max(f / e, 0.0), 1.0)
+    elif e <= 1e-18:
+        t = 0.0
+        s = min(max(-c / a, 0.0), 1.0)
+    else:
+        det = a * e - b * b
+        s = min(max((b * f - c * e) / det, 0.0), 1.0) if det > 1e-14 * a * e else 0.5
+        t = (b * s + f) / e
+        if t < 0.0:
+            t = 0.0
+            s = min(max(-c / a, 0.0), 1.0)
+        elif t > 1.0:
+            t = 1.0
+            s = min(max((b - c) / a, 0.0), 1.0)
+        elif det <= 1e-14 * a * e:
+            # Parallel: move s to where it projects back, so that the answer is still a minimum.
+            s = min(max((b * t - c) / a, 0.0), 1.0)
+    total = 0.0
+    for i in range(3):
+        witness[0, i] = A[0, i] + s * d1[i]
+        witness[1, i] = B[0, i] + t * d2[i]
+        total += (witness[1, i] - witness[0, i]) ** 2
+    return np.sqrt(total)
+
+
+@njit(cache=True, nogil=True)
+def separation(A, B, witness, normal):
+    """Distance between two segments; normal (3,) from A to B, defined even where they meet."""
+    gap = nearest_on_segments(A, B, witness)
+    if gap > _TINY:
+        for i in range(3):
+            normal[i] = (witness[1, i] - witness[0, i]) / gap
+        return gap
+    # Segments that cross have no direction between nearest points: leave along the common normal.
+    d1 = A[1] - A[0]
+    d2 = B[1] - B[0]
+    normal[0] = d1[1] * d2[2] - d1[2] * d2[1]
+    normal[1] = d1[2] * d2[0] - d1[0] * d2[2]
+    normal[2] = d1[0] * d2[1] - d1[1] * d2[0]
+    size = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    if size <= 1e-12:
+        longer = d1 if np.abs(d1).sum() >= np.abs(d2).sum() else d2
+        least = np.argmin(np.abs(longer))
+        normal[:] = 0.0
+        normal[least] = 1.0
+        along = longer[least] / max(longer[0] ** 2 + longer[1] ** 2 + longer[2] ** 2, 1e-300)
+        for i in range(3):
+            normal[i] -= along * longer[i]
+        size = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    side = 0.0
+    for i in range(3):
+        side += normal[i] * (B[0, i] + B[1, i] - A[0, i] - A[1, i])
+    if side < 0.0:
+        size = -size
+    for i in range(3):
+        normal[i] /= size
+    return gap
+
+
+@njit(cache=True, nogil=True)
+def clearance(chain, ends, balls):
+    """Least signed distance [m] over the watched pairs and the row of the pair that has it."""
+    best = np.inf
+    which = -1
+    witness = np.empty((2, 3))
+    for k in range(len(chain.pair)):
+        a, b = chain.pair[k, 0], chain.pair[k, 1]
+        bound = best + balls[a] + balls[b]
+        apart = 0.0
+        for i in range(3):
+            apart += (ends[a, 2, i] - ends[b, 2, i]) ** 2
+        if bound <= 0.0 or apart >= bound * bound:
+            continue  # the balls around the two are already farther apart than the best
+        d = nearest_on_segments(ends[a], ends[b], witness)
+        d -= chain.body_radius[a] + chain.body_radius[b]
+        if d < best:
+            best = d
+            which = k
+    return best, which
+
+
+@njit(cache=True, nogil=True)
+def near_pairs(chain, ends, balls, p, z, band, d, G):
+    """Distances and gradients of the watched pairs closer than band.
+
+    Writes d (k,) [m] and G (k, n) [m/rad] for the k pairs found, in order; returns k. A buffer that
+    is too small keeps the first ones, which the caller prevents by giving one row per pair.
+    """
+    n = len(z)
+    found = 0
+    witness = np.empty((2, 3))
+    normal = np.empty(3)
+    for k in range(len(chain.pair)):
+        a, b = chain.pair[k, 0], chain.pair[k, 1]
+        bound = band + balls[a] + balls[b]
+        apart = 0.0
+        for i in range(3):
+            apart += (ends[a, 2, i] - ends[b, 2, i]) ** 2
+        if apart >= bound * bound:
+            continue
+        gap = separation(ends[a], ends[b], witness, normal)
+        gap -= chain.body_radius[a] + chain.body_radius[b]
+        if gap >= band or found >= len(d):
+            continue
+        d[found] = gap
+        fa, fb = chain.body_frame[a], chain.body_frame[b]
+        for j in range(n):
+            g = 0.0
+            for side in range(2):
+                f = fa if side == 0 else fb
+                if chain.moves[fa, j] == chain.moves[fb, j] or not chain.moves[f, j]:
+                    continue  # a joint that carries both does not change their distance
+                r0 = witness[side, 0] - p[j + 1, 0]
+                r1 = witness[side, 1] - p[j + 1, 1]
+                r2 = witness[side, 2] - p[j + 1, 2]
+                v = (
+                    normal[0] * (z[j, 1] * r2 - z[j, 2] * r1)
+                    + normal[1] * (z[j, 2] * r0 - z[j, 0] * r2)
+                    + normal[2] * (z[j, 0] * r1 - z[j, 1] * r0)
+                )
+                g += v if side == 1 else -v
+            G[found, j] = g
+        found += 1
+    return found

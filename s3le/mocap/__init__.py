@@ -1,0 +1,1 @@
+"""Motion clips: text files of several formats -> ten named joint positions per frame."""

@@ -1,0 +1,136 @@
+"""Files into lines: bounded reading, what a file looks like, and one form for every refusal.
+
+A refusal reads `path:line: why`. Nothing here knows a motion format beyond its first line.
+"""
+
+import gzip
+import re
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from s3le.errors import ClipError
+
+MAX_BYTES = 128 * 2**20  # largest file read, after decompression; about 10 h of 30 Hz motion
+
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_SHOWN = 40  # characters of a token quoted in a refusal
+
+
+def refusal(path: Path | str, line: int | None, why: str) -> ClipError:
+    """The error to raise for a place in a file; line counts from 1, None means the whole file."""
+    return ClipError(f"{path}: {why}" if line is None else f"{path}:{line}: {why}")
+
+
+def shown(token: bytes | str) -> str:
+    """A token as a refusal quotes it: printable, in quotes, cut when long."""
+    text = token.decode("latin-1") if isinstance(token, bytes) else token
+    return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
+
+
+def read_bytes(path: Path | str, limit: int = MAX_BYTES) -> bytes:
+    """The whole content of a file; a name that ends in .gz is decompressed on the way.
+
+    Args:
+        path: a regular file.
+        limit: refuse content longer than this many bytes after decompression.
+
+    Raises:
+        ClipError: no such file, not a regular file, damaged gzip, or longer than limit.
+    """
+    path = Path(path)
+    if not path.is_file():  # also keeps pipes and devices, which never end, out
+        raise refusal(path, None, "no such file")
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+            data = stream.read(limit + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise refusal(path, None, f"cannot be read: {error}") from None
+    if len(data) > limit:
+        raise refusal(path, None, f"longer than the {limit / 2**20:g} MiB that are read")
+    return data
+
+
+def looks_like(head: bytes) -> str:
+    """What the first bytes of a file look like, in words that fit after "looks like"."""
+    body = head.lstrip(b"\xef\xbb\xbf \t\r\n")
+    first = body.split(b"\n", 1)[0].strip()
+    if not body:
+        return "an empty file"
+    for magic, what in (
+        (b"\x1f\x8b", "gzip data (name it .gz)"),
+        (b"PK\x03\x04", "a zip archive"),
+        (b"Kaydara FBX", "a binary FBX scene"),
+    ):
+        if head.startswith(magic):
+            return what
+    if head[1:2] == b"\x50" and head[:1] < b"\x20":
+        return "binary C3D markers"
+    if b"\0" in head:
+        return "binary data"
+    if body[:1] == b"<":
+        return "an HTML or XML page"
+    if first.split(b" ")[0].split(b"\t")[0] == b"HIERARCHY":
+        return "BVH text"
+    if body[:1] in b"{[":
+        return "JSON text"
+    if body[:1] in b"#:":
+        kinds = {b":version": "ASF text", b":fully-specified": "AMC text", b":degrees": "AMC text"}
+        for line in body.splitlines():
+            for key, what in kinds.items():
+                if line.lower().startswith(key):
+                    return what
+        return "ASF or AMC text without its :version or :FULLY-SPECIFIED line"
+    return "text of no motion format known here"
+
+
+def require(path: Path | str, data: bytes, what: str) -> None:
+    """Refuse a file whose first bytes do not look like what its reader expects.
+
+    Raises:
+        ClipError: it is empty, binary, or of another format; the text says which.
+    """
+    seen = looks_like(data[:4096])
+    if b"\0" in data and seen == what:
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        raise refusal(path, line, f"a NUL byte in what begins as {what}")
+    if seen != what:
+        raise refusal(path, None, f"looks like {seen}, not {what}")
+
+
+def number(path: Path | str, line: int, token: bytes, what: str) -> float:
+    """One strictly decimal, finite number.
+
+    Raises:
+        ClipError: the token is anything else (nan, inf, 1_0, 1.#QNAN, 1e999).
+    """
+    if _NUMBER.fullmatch(token) is None:
+        raise refusal(path, line, f"{what} must be a number, got {shown(token)}")
+    value = float(token)
+    if not np.isfinite(value):
+        raise refusal(path, line, f"{what} must be finite, got {shown(token)}")
+    return value
+
+
+def integer(path: Path | str, line: int, token: bytes, what: str) -> int:
+    """One non-negative whole number of at most 18 digits.
+
+    Raises:
+        ClipError: the token is anything else.
+    """
+    if not (token.isdigit() and len(token) <= 18):
+        raise refusal(path, line, f"{what} must be a whole number, got {shown(token)}")
+    return int(token)
+
+
+def floats(tokens: Iterable[bytes]) -> np.ndarray | None:
+    """Many numbers at once, or None where one of them is not what `number` accepts."""
+    tokens = list(tokens)
+    try:
+        values = np.array(list(map(float, tokens)))
+    except ValueError:
+        return None
+    # float() takes 1_000 too; joined, one search covers all tokens.
+    return values if np.isfinite(values).all() and b"_" not in b" ".join(tokens) else None

@@ -1,0 +1,1 @@
+"""Robot descriptions, their URDF geometry, and the coal check: the only door to pinocchio and coal."""

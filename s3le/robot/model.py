@@ -1,0 +1,266 @@
+"""A robot as this project uses it: moving joints, skeleton points, capsules, watched pairs.
+
+The URDF is read by pinocchio and reduced to the joints that move. Bodies become capsules: a
+capsule stays itself, a sphere is a capsule without length, and a box or cylinder is replaced by a
+capsule that contains it.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from s3le.errors import RobotError
+from s3le.robot.description import MAPPED, Description, read_description
+
+
+class Body(NamedTuple):
+    """A capsule fixed to a joint: all points within radius of a segment."""
+
+    name: str  # the link's name
+    joint: int  # index into the moving joints; -1 for the base and all that stands still
+    a: np.ndarray  # one end of the segment [m], (3,), in the joint's frame
+    b: np.ndarray  # the other end [m]
+    radius: float  # [m]
+    shape: str  # what the URDF holds: capsule, sphere, box or cylinder
+
+
+class Joint(NamedTuple):
+    """One revolute joint of the reduced tree."""
+
+    name: str
+    parent: int  # index of the moving joint before it; -1 for the base
+    rotation: np.ndarray  # (3, 3), of the joint's frame in its parent's at angle zero
+    translation: np.ndarray  # [m], (3,)
+    axis: np.ndarray  # unit vector in the joint's frame, (3,)
+    lower: float  # [rad]
+    upper: float  # [rad]
+    velocity: float  # [rad/s]
+
+
+class Point(NamedTuple):
+    """A skeleton point: fixed to a moving joint (-1: base) at an offset [m]."""
+
+    joint: int
+    offset: np.ndarray  # (3,)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot read from its files; geometry only, no state."""
+
+    name: str
+    description: Description  # the robot file it was built from
+    digest: str  # of everything below that can change a result
+    joints: tuple[Joint, ...]
+    bodies: tuple[Body, ...]
+    points: dict[str, Point]  # by role, s3le.robot.description.MAPPED
+    base_rotation: np.ndarray  # (3, 3): base frame -> x forward, y left, z up
+    anchor: np.ndarray  # [rad], (n_dof,)
+    pair_inflation: float
+
+    @property
+    def n_dof(self) -> int:
+        """Number of moving joints."""
+        return len(self.joints)
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the moving joints in the order of q."""
+        return [joint.name for joint in self.joints]
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Joint minima l [rad], (n_dof,)."""
+        return np.array([joint.lower for joint in self.joints])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Joint maxima u [rad], (n_dof,)."""
+        return np.array([joint.upper for joint in self.joints])
+
+    def chain(self, joint: int) -> list[int]:
+        """Moving joints from the base up to and including joint (-1: none)."""
+        path = []
+        while joint >= 0:
+            path.append(joint)
+            joint = self.joints[joint].parent
+        return path[::-1]
+
+
+def load(path: Path) -> Robot:
+    """Read a robot file and its URDF.
+
+    Raises:
+        RobotError: anything in either file that the project cannot use; says which and why.
+    """
+    return from_description(read_description(path))
+
+
+def from_description(text: Description) -> Robot:
+    """Build the robot that a checked robot file describes (see load)."""
+    model, geometry = reduced(text)
+    where = text.urdf.name
+    data = model.createData()
+    home = pin.neutral(model)
+    pin.framesForwardKinematics(model, data, home)
+
+    joints = tuple(_joint(model, j, where) for j in range(1, model.njoints))
+    points = {role: _point(model, text.points[role], role, where) for role in MAPPED}
+    bodies = tuple(_body(model, item, where) for item in geometry.geometryObjects)
+    if not bodies:
+        raise RobotError(f"{where}: no collision geometry, so nothing could be checked")
+    anchor = np.zeros(len(joints))
+    names = [joint.name for joint in joints]
+    for name, angle in text.anchor.items():
+        if name not in names:
+            raise RobotError(f"robot {text.name}: anchor names '{name}', which does not move")
+        anchor[names.index(name)] = angle
+    for joint, angle in zip(joints, anchor, strict=True):
+        if not joint.lower <= angle <= joint.upper:
+            raise RobotError(
+                f"robot {text.name}: anchor of {joint.name} is {angle:.4f} rad, outside its range "
+                f"[{joint.lower:.4f}, {joint.upper:.4f}]"
+            )
+    robot = Robot(
+        name=text.name,
+        description=text,
+        digest="",
+        joints=joints,
+        bodies=bodies,
+        points=points,
+        base_rotation=pin.rpy.rpyToMatrix(*text.base_rpy),
+        anchor=anchor,
+        pair_inflation=text.pair_inflation,
+    )
+    object.__setattr__(robot, "digest", _digest(robot))
+    return robot
+
+
+def reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
+    """The URDF's pinocchio model with every joint locked but the moving ones.
+
+    Raises:
+        RobotError: the URDF does not parse, or a joint named in the robot file is not in it.
+    """
+    try:
+        model = pin.buildModelFromUrdf(str(text.urdf))
+        geometry = pin.buildGeomFromUrdf(model, str(text.urdf), pin.GeometryType.COLLISION)
+    except (ValueError, RuntimeError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise RobotError(f"{text.urdf}: pinocchio cannot read it ({reason})") from None
+    named = list(model.names)[1:]
+    for key, wanted in (("joints", text.joints), ("hold", text.hold)):
+        for name in wanted:
+            if name not in named:
+                raise RobotError(
+                    f"robot {text.name}: {key} names '{name}', which {text.urdf.name} does not have; "
+                    f"its movable joints: {', '.join(named)}"
+                )
+    still = pin.neutral(model)
+    for name, angle in text.hold.items():
+        still[model.joints[model.getJointId(name)].idx_q] = angle
+    locked = [j for j in range(1, model.njoints) if model.names[j] not in text.joints]
+    return pin.buildReducedModel(model, geometry, locked, still)
+
+
+def _joint(model: pin.Model, index: int, where: str) -> Joint:
+    kind = model.joints[index]
+    name = model.names[index]
+    if kind.nq != 1 or kind.nv != 1 or "R" not in kind.shortname():
+        raise RobotError(f"{where}: joint '{name}' is {kind.shortname()}; only revolute joints move")
+    lower = float(model.lowerPositionLimit[kind.idx_q])
+    upper = float(model.upperPositionLimit[kind.idx_q])
+    if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):
+        raise RobotError(f"{where}: joint '{name}' needs lower < upper, got {lower} and {upper}")
+    data = kind.createData()
+    kind.calc(data, np.zeros(model.nq))
+    placement = model.jointPlacements[index]
+    return Joint(
+        name=name,
+        parent=int(model.parents[index]) - 1,
+        rotation=np.array(placement.rotation),
+        translation=np.array(placement.translation),
+        axis=np.array(data.S).reshape(6)[3:],
+        lower=lower,
+        upper=upper,
+        velocity=float(model.velocityLimit[kind.idx_v]),
+    )
+
+
+def _point(model: pin.Model, name: str, role: str, where: str) -> Point:
+    if not model.existFrame(name):
+        near = ", ".join(frame.name for frame in model.frames if name.lower() in frame.name.lower())
+        raise RobotError(
+            f"{where}: point {role} names '{name}', which is no joint, link or frame of it"
+            + (f"; like it: {near}" if near else "")
+        )
+    # A joint and the link it carries may share a name; the first frame of it is the joint's.
+    frame = next(frame for frame in model.frames if frame.name == name)
+    return Point(int(frame.parentJoint) - 1, np.array(frame.placement.translation))
+
+
+def _body(model: pin.Model, item: pin.GeometryObject, where: str) -> Body:
+    shape = item.geometry
+    link = model.frames[item.parentFrame].name if item.parentFrame < model.nframes else item.name
+    if isinstance(shape, coal.Capsule):
+        kind, half, radius, axis = "capsule", shape.halfLength, shape.radius, np.eye(3)[2]
+    elif isinstance(shape, coal.Sphere):
+        kind, half, radius, axis = "sphere", 0.0, shape.radius, np.eye(3)[2]
+    elif isinstance(shape, coal.Cylinder):
+        half, radius = containing_capsule_of_cylinder(shape.radius, shape.halfLength)
+        kind, axis = "cylinder", np.eye(3)[2]
+    elif isinstance(shape, coal.Box):
+        kind = "box"
+        half, radius, axis = containing_capsule_of_box(np.array(shape.halfSide))
+    else:
+        raise RobotError(
+            f"{where}: link '{link}' has a {type(shape).__name__} for collision; "
+            "use capsules, spheres, cylinders or boxes"
+        )
+    centre, turn = np.array(item.placement.translation), np.array(item.placement.rotation)
+    along = turn @ axis * half
+    return Body(item.name, int(item.parentJoint) - 1, centre - along, centre + along, radius, kind)
+
+
+def containing_capsule_of_cylinder(radius: float, half: float) -> tuple[float, float]:
+    """Half segment length and radius [m] of a coaxial capsule that contains the cylinder.
+
+    The cylinder's rim lies on the caps: (half - h)^2 + radius^2 = r^2, with the least volume.
+    """
+    h = np.linspace(0.0, half, 257)
+    r = np.sqrt((half - h) ** 2 + radius**2)
+    best = int(np.argmin(r**2 * (2 * h) + 4 / 3 * r**3))
+    return float(h[best]), float(r[best] * (1 + 1e-12))
+
+
+def containing_capsule_of_box(sides: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """Half segment length, radius [m] and axis (3,) of a capsule that contains the box.
+
+    Args:
+        sides: half side lengths [m], (3,); the capsule lies along the longest.
+    """
+    longest = int(np.argmax(sides))
+    across = float(np.linalg.norm(np.delete(sides, longest)))
+    half, radius = containing_capsule_of_cylinder(across, float(sides[longest]))
+    return half, radius, np.eye(3)[longest]
+
+
+def _digest(robot: Robot) -> str:
+    parts = [robot.name.encode()]
+    for joint in robot.joints:
+        parts += [joint.name.encode(), str(joint.parent).encode()]
+        parts += [np.ascontiguousarray(v).tobytes() for v in joint[2:5]]
+        parts.append(np.array(joint[5:]).tobytes())
+    for body in robot.bodies:
+        parts += [body.name.encode(), str(body.joint).encode()]
+        parts.append(np.concatenate([body.a, body.b, [body.radius]]).tobytes())
+    for role, point in robot.points.items():
+        parts += [role.encode(), str(point.joint).encode(), point.offset.tobytes()]
+    parts += [robot.base_rotation.tobytes(), robot.anchor.tobytes()]
+    parts.append(np.array([robot.pair_inflation]).tobytes())
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]

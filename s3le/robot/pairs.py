@@ -1,0 +1,98 @@
+"""Which pairs of bodies are watched for collision, and why the others are not.
+
+Anchor rule (the authors'): a pair is watched unless its capsules, grown by `pair_inflation`,
+already overlap at the anchor pose. It needs no SRDF and works for any URDF. Bodies that cannot
+move relative to each other are not watched either. Every pair is listed with its reason.
+"""
+
+from typing import NamedTuple
+
+import coal
+import numpy as np
+
+from s3le.errors import RobotError
+from s3le.robot.certificate import placements
+from s3le.robot.model import Robot
+
+WATCHED = "watched"
+FIXED = "cannot move relative to each other"
+OVERLAP = "overlap at the anchor when grown"
+
+
+class Pair(NamedTuple):
+    """One pair of bodies and what was decided about it."""
+
+    a: int  # index into robot.bodies
+    b: int
+    kind: str  # e.g. "limb-trunk": what kinds of body the pair joins
+    reason: str  # WATCHED, FIXED or OVERLAP
+    clearance: float  # [m] at the anchor, capsules not grown
+
+
+def body_kinds(robot: Robot) -> list[str]:
+    """For each body: "trunk" (moves with the waist or not at all), "right" or "left" (an arm).
+
+    An arm is whatever hangs on a joint of that side's hand chain that the neck does not ride on;
+    what stands still and lies below the hip belongs to the trunk too, so the legs are "trunk".
+    """
+    trunk = set(robot.chain(robot.points["neck"].joint))
+    sides = {}
+    for side, role in (("right", "r_hand"), ("left", "l_hand")):
+        for joint in robot.chain(robot.points[role].joint):
+            if joint not in trunk:
+                sides.setdefault(joint, side)
+    kinds = []
+    for body in robot.bodies:
+        path = robot.chain(body.joint)
+        kinds.append(next((sides[j] for j in path if j in sides), "trunk"))
+    return kinds
+
+
+def all_pairs(robot: Robot) -> list[Pair]:
+    """Every pair of bodies with its decision, in order of (a, b).
+
+    Raises:
+        RobotError: not one pair is left to watch.
+    """
+    at_anchor = placements(robot, robot.anchor)
+    kinds = body_kinds(robot)
+    pairs = []
+    for a in range(len(robot.bodies)):
+        for b in range(a + 1, len(robot.bodies)):
+            sides = {kinds[a], kinds[b]}
+            limbs = sides - {"trunk"}
+            kind = (
+                "trunk-trunk"
+                if not limbs
+                else "limb-trunk"
+                if "trunk" in sides
+                else "limb-limb"
+                if len(limbs) == 2
+                else "within a limb"
+            )
+            clearance = _distance(robot, at_anchor, a, b, 1.0)
+            if robot.bodies[a].joint == robot.bodies[b].joint:
+                reason = FIXED
+            elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0:
+                reason = OVERLAP
+            else:
+                reason = WATCHED
+            pairs.append(Pair(a, b, kind, reason, clearance))
+    if not any(pair.reason == WATCHED for pair in pairs):
+        raise RobotError(f"robot {robot.name}: no pair of bodies is left to watch at this anchor")
+    return pairs
+
+
+def watched(pairs: list[Pair]) -> np.ndarray:
+    """Body indices of the watched pairs, int64 (n_pairs, 2)."""
+    return np.array([(p.a, p.b) for p in pairs if p.reason == WATCHED], np.int64).reshape(-1, 2)
+
+
+def _distance(robot: Robot, at: list[coal.Transform3s], a: int, b: int, grow: float) -> float:
+    shapes = []
+    for index in (a, b):
+        body = robot.bodies[index]
+        shapes.append(coal.Capsule(body.radius * grow, float(np.linalg.norm(body.b - body.a)) * grow))
+    result = coal.DistanceResult()
+    coal.distance(shapes[0], at[a], shapes[1], at[b], coal.DistanceRequest(), result)
+    return float(result.min_distance)
