@@ -23,6 +23,7 @@ ARM_RANGE = (0.3, 0.9)  # [m] shoulder to wrist, of a child and of a giant
 REST_ARM = np.cos(np.radians(20.0))  # least |y| of the arms' directions in a T-pose
 _CHANNELS = {f"{axis}{kind}": (kind, i) for i, axis in enumerate("xyz") for kind in
              ("position", "rotation")}
+_KEYWORDS = {"ROOT", "JOINT", "End", "OFFSET", "CHANNELS", "}"}
 
 
 class Joint(NamedTuple):
@@ -69,7 +70,8 @@ def read_bvh(path: Path | str, fps: float | None = None, unit: str | None = None
         raise refusal(path, len(lines), "no MOTION line; a truncated file?")
     joints = _hierarchy(path, lines[:motion])
     found = _points(path, joints)
-    values, rate = _motion(path, lines, motion, sum(len(joint.channels) for joint in joints))
+    columns = sum(len(joint.channels) for joint in joints)
+    values, own_fps = _motion(path, lines, motion, columns, read_rate=fps is None)
     with np.errstate(over="ignore", invalid="ignore"):  # make_clip refuses what comes of it
         places = joint_positions(joints, values, set(found.joints.values()))
         points = np.stack([places[found.joints[p]] for p in POINTS], axis=1)  # (n, 10, 3)
@@ -77,7 +79,7 @@ def read_bvh(path: Path | str, fps: float | None = None, unit: str | None = None
         points = _z_up(points, joints, found) * scale
         if found.family.rest_frame and _begins_at_rest(points, values, joints):
             points = points[1:]
-    return make_clip(path, rate if fps is None else fps, points)
+    return make_clip(path, own_fps if fps is None else fps, points)
 
 
 def joint_positions(
@@ -143,7 +145,7 @@ def _hierarchy(path: Path | str, lines: list[bytes]) -> list[Joint]:
     expect(b"HIERARCHY")
     expect(b"ROOT")
     joints: list[Joint] = []
-    open_joints: list[int | None] = []  # None is an End Site
+    open_joints: list[int] = []
     column = 0
     while True:
         name = []
@@ -152,11 +154,11 @@ def _hierarchy(path: Path | str, lines: list[bytes]) -> list[Joint]:
             at += 1
         line = words[at][1]
         expect(b"{")
-        if not name:
-            raise refusal(path, line, "a joint without a name")
+        if not name or not _KEYWORDS.isdisjoint(name):
+            raise refusal(path, line, f"no name of a joint: {shown(' '.join(name))}")
         expect(b"OFFSET")
         offset = np.array(values(3, "OFFSET"))
-        parent = next((i for i in reversed(open_joints) if i is not None), -1)
+        parent = open_joints[-1] if open_joints else -1
         channels = []
         if words[at][0] == b"CHANNELS":
             at += 1
@@ -193,9 +195,9 @@ def _hierarchy(path: Path | str, lines: list[bytes]) -> list[Joint]:
 
 
 def _motion(
-    path: Path | str, lines: list[bytes], motion: int, columns: int
-) -> tuple[np.ndarray, float]:
-    """The table of channel values (n, columns), and the rate [Hz] of Frame Time."""
+    path: Path | str, lines: list[bytes], motion: int, columns: int, read_rate: bool
+) -> tuple[np.ndarray, float | None]:
+    """The table of channel values (n, columns), and the rate [Hz] of Frame Time if asked for."""
     head = [i for i in range(motion + 1, min(motion + 20, len(lines))) if lines[i].strip()][:2]
     if len(head) < 2:
         raise refusal(path, len(lines), "no Frames: and Frame Time: lines; a truncated file?")
@@ -206,7 +208,7 @@ def _motion(
     key, _, step = lines[head[1]].partition(b":")
     if key.split() != [b"Frame", b"Time"]:
         raise refusal(path, head[1] + 1, f"expected Frame Time:, got {shown(lines[head[1]])}")
-    rate = _rate(path, head[1] + 1, step.strip())
+    rate = _rate(path, head[1] + 1, step.strip()) if read_rate else None
     rows = lines[head[1] + 1 :]
     first = head[1] + 2  # line number of rows[0]
     kept = [row for row in rows if row.strip()] if not all(rows) else rows
@@ -251,6 +253,8 @@ def _points(path: Path | str, joints: list[Joint]) -> Match:
             f"{p} (as {' or '.join(found.family.candidates(p))})" for p in found.missing
         )
         raise refusal(path, None, f"no joint for {wanted}; the file has {', '.join(names)}")
+    if found.doubled:
+        raise refusal(path, None, f"more than one joint is called {', '.join(found.doubled)}")
     for side in "rl":
         chain = [found.joints[p] for p in ("hip", f"{side}_shoulder", f"{side}_elbow",
                                            f"{side}_hand")]

@@ -61,8 +61,8 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
 
 def clip_name(path: Path | str) -> str:
     """The file's name without .gz and without the suffix before it."""
-    name = Path(path).name
-    return Path(name.removesuffix(".gz")).stem
+    path = Path(path)
+    return Path(path.stem if path.suffix.lower() == ".gz" else path.name).stem
 
 
 def check_rate(fps: float, what: str) -> None:

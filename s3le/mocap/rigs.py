@@ -21,7 +21,7 @@ class Family(NamedTuple):
         hip, neck: candidates, the first one present wins.
         roles: for pelvis, shoulder, elbow and hand, candidates with {} for the side.
         sides: what stands for right and left.
-        only_with: a joint that must be there for the family to be considered.
+        only_with: a joint that must be there for the family to be considered; empty: none.
         rest_frame: whether its converters put a rest pose in front of the motion.
     """
 
@@ -52,22 +52,30 @@ _WORDS = ("Right", "Left")
 # Bandai-Namco Research and of Xia et al. 2015.
 FAMILIES = (
     Family("cgspeed", ("Hips",), ("Neck",), _ARMS, _WORDS, "LHipJoint", True),
-    Family("LAFAN1 or Mixamo", ("Hips",), ("Neck",), _ARMS, _WORDS, "LeftArm"),
+    Family("LAFAN1 or Mixamo", ("Hips",), ("Neck",), _ARMS, _WORDS, ""),
     Family(
         "cgspeed 3dsMax", ("Hips",), ("lowerneck", "Neck"), _COLLARS, _WORDS, "lowerneck", True
     ),
     Family("Collar-style", ("Hips",), ("Neck",), _COLLARS, _WORDS, "LeftCollar"),
-    Family("cgspeed DAZ", ("hip",), ("neck",), _DAZ, ("r", "l"), "lShldr", True),
-    Family("Bandai-Namco", ("Hips",), ("Neck",), _BANDAI, ("R", "L"), "UpperArm_L"),
+    Family("cgspeed DAZ", ("hip",), ("neck",), _DAZ, ("r", "l"), "lThigh", True),
+    Family("Bandai-Namco", ("Hips",), ("Neck",), _BANDAI, ("R", "L"), "UpperLeg_L"),
 )
 
 
 class Match(NamedTuple):
-    """The best family for a file: index of the joint of each point, points it does not have."""
+    """What a family makes of a file.
+
+    Attributes:
+        family: the one that explains most.
+        joints: index of the joint of each point.
+        missing: points without a joint.
+        doubled: names of points' joints that the file has more than once.
+    """
 
     family: Family
     joints: dict[str, int]
     missing: tuple[str, ...]
+    doubled: tuple[str, ...]
 
 
 def match(names: list[str]) -> Match:
@@ -80,10 +88,10 @@ def match(names: list[str]) -> Match:
         Match of the first family with the fewest points missing.
     """
     bare = [_PREFIX.sub("", name) for name in names]
-    index = {name: i for i, name in reversed(list(enumerate(bare)))}  # the first of a name wins
+    index = {name: i for i, name in enumerate(bare)}
     best = None
     for family in FAMILIES:
-        if family.only_with not in index and family is not FAMILIES[1]:
+        if family.only_with and family.only_with not in index:
             continue
         if family.roles is _COLLARS and "LeftCollar" not in index:
             continue
@@ -93,6 +101,7 @@ def match(names: list[str]) -> Match:
                 if name in index:
                     joints.setdefault(point, index[name])
         missing = tuple(point for point in POINTS if point not in joints)
+        doubled = tuple(bare[i] for i in joints.values() if bare.count(bare[i]) > 1)
         if best is None or len(missing) < len(best.missing):
-            best = Match(family, joints, missing)
+            best = Match(family, joints, missing, doubled)
     return best

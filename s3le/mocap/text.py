@@ -30,12 +30,13 @@ def shown(token: bytes | str) -> str:
     return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
 
 
-def read_bytes(path: Path | str, limit: int = MAX_BYTES) -> bytes:
-    """The whole content of a file; a name that ends in .gz is decompressed on the way.
+def read_bytes(path: Path | str, limit: int = MAX_BYTES, packed: bool | None = None) -> bytes:
+    """The whole content of a file, decompressed on the way where it is gzipped.
 
     Args:
         path: a regular file.
         limit: refuse content longer than this many bytes after decompression.
+        packed: whether it is gzipped; None: it is where its name ends in .gz.
 
     Raises:
         ClipError: no such file, not a regular file, damaged gzip, or longer than limit.
@@ -43,8 +44,9 @@ def read_bytes(path: Path | str, limit: int = MAX_BYTES) -> bytes:
     path = Path(path)
     if not path.is_file():  # also keeps pipes and devices, which never end, out
         raise refusal(path, None, "no such file")
+    packed = path.suffix.lower() == ".gz" if packed is None else packed
     try:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+        with gzip.open(path) if packed else path.open("rb") as stream:
             data = stream.read(limit + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise refusal(path, None, f"cannot be read: {error}") from None

@@ -33,7 +33,9 @@ class Description:
     """A checked robot file; names are not yet held against the URDF."""
 
     name: str
-    urdf: Path  # absolute, beside or below the robot file
+    source: Path  # the robot file itself
+    urdf_name: str  # as the robot file writes it
+    urdf: Path  # beside or below the robot file
     base_rpy: tuple[float, float, float]  # [rad]
     points: dict[str, str]  # role -> joint, link or frame name
     joints: tuple[str, ...]
@@ -84,6 +86,8 @@ def read_description(path: Path) -> Description:
         raise RobotError(f"{path}: joints must be a list of different joint names, got {joints!r}")
     return Description(
         name=str(tree["name"]),
+        source=path,
+        urdf_name=str(tree["urdf"]),
         urdf=urdf,
         base_rpy=tuple(_number(path, "base_rpy", v) for v in rpy),
         points={role: str(points[role]) for role in MAPPED},

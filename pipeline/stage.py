@@ -1,0 +1,142 @@
+"""What every stage shares: declare knobs, read params.yaml, show progress, fail in one line."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import field, fields
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import typer
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+from tqdm import tqdm
+
+from s3le.errors import ParameterError, S3leError
+from s3le.store import write_json
+
+PARAMS = Path("params.yaml")
+TIMING = Path("reports/timing.json")
+
+
+def knob(
+    doc: str,
+    *,
+    at_least: float = float("-inf"),
+    at_most: float = float("inf"),
+    one_of: tuple[str, ...] = (),
+    shared: bool = False,
+) -> Any:
+    """Declare one parameter; a shared one sits at the top of params.yaml, not in a section."""
+    about = {"doc": doc, "range": (at_least, at_most), "one_of": one_of, "shared": shared}
+    return field(metadata=about)
+
+
+def dvc_keys(*params: type) -> list[str]:
+    """The keys that dvc.yaml must list under `params:` for a stage that reads these classes."""
+    keys = []
+    for cls in params:
+        shared = [f.name for f in fields(cls) if f.metadata["shared"]]
+        keys += shared + ([cls.section] if len(shared) < len(fields(cls)) else [])
+    return list(dict.fromkeys(keys))
+
+
+def read(params: type, path: Path = PARAMS) -> Any:
+    """Read and check one class of parameters; refuse the first wrong one by name.
+
+    Raises:
+        ParameterError: params.yaml is missing or not YAML, or a key of this class or its section
+            is missing, unknown, of the wrong type or out of its range.
+    """
+    try:
+        tree = YAML(typ="safe").load(path)  # YAML 1.2, as DVC reads it: 1e-3 is a float
+    except FileNotFoundError:
+        raise ParameterError(f"{path} is missing here; run from the project's folder") from None
+    except YAMLError as error:
+        raise ParameterError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
+    if not isinstance(tree, dict):
+        raise ParameterError(f"{path} holds no mapping of parameters")
+    section = tree.get(params.section, {})
+    if not isinstance(section, dict):
+        raise ParameterError(f"{path}: section '{params.section}' must be a mapping, got {section!r}")
+    own = [f.name for f in fields(params) if not f.metadata["shared"]]
+    for key in section.keys() - set(own) if own else ():
+        near = get_close_matches(str(key), own, n=1)
+        hint = f"; did you mean {near[0]}?" if near else f"; it has: {', '.join(own)}"
+        raise ParameterError(f"{path}: section '{params.section}' has no parameter '{key}'{hint}")
+    values = {}
+    for f in fields(params):
+        shared = f.metadata["shared"]
+        home, where = (tree, f.name) if shared else (section, f"{params.section}.{f.name}")
+        if f.name not in home:
+            raise ParameterError(f"{path}: {where} is missing ({f.metadata['doc']})")
+        values[f.name] = _checked(path, where, f, home[f.name])
+    return params(**values)
+
+
+def _checked(path: Path, where: str, f: Any, value: Any) -> Any:
+    if f.type is float and type(value) is int:
+        value = float(value)  # `-S alpha=1` writes an int
+    if one_of := f.metadata["one_of"]:
+        if value not in one_of:
+            near = get_close_matches(str(value), one_of, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise ParameterError(
+                f"{path}: {where} must be one of {', '.join(one_of)}, got {value!r}{hint}"
+            )
+        return value
+    low, high = f.metadata["range"]
+    inside = type(value) is f.type and (f.type not in (int, float) or low <= value <= high)
+    if not inside:
+        span = f" in [{low:g}, {high:g}]" if f.type in (int, float) else ""
+        raise ParameterError(f"{path}: {where} must be {f.type.__name__}{span}, got {value!r}")
+    return value
+
+
+@contextmanager
+def bar(total: int, what: str) -> Iterator[Callable[[int], object]]:
+    """A progress bar; yields the function to call with numbers of rows done."""
+    with tqdm(total=total, desc=what, unit=" rows", unit_scale=True, file=sys.stderr) as shown:
+        yield shown.update
+
+
+def say(line: str) -> None:
+    """One line for the person who is watching."""
+    typer.echo(line)
+
+
+def launch(main: Callable[..., None], name: str) -> None:
+    """Run a stage; a refusal is one line on stderr and exit status 2, not a traceback."""
+    began = time.perf_counter()
+
+    def finished(*_: Any, **__: Any) -> None:
+        _note_time(name, time.perf_counter() - began)
+
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command()(main)
+    try:
+        app(standalone_mode=False)
+    except S3leError as refusal:
+        typer.echo(f"{type(refusal).__name__}: {refusal}", err=True)
+        raise SystemExit(2) from None
+    except OSError as refusal:
+        typer.echo(f"stage '{name}': {refusal}; nothing was half-written, run it again", err=True)
+        raise SystemExit(2) from None
+    except typer.Abort:
+        raise SystemExit(130) from None
+    finished()
+
+
+def _note_time(name: str, seconds: float) -> None:
+    """Add this stage's wall time to reports/timing.json; times are no part of any result."""
+    try:
+        times = json.loads(TIMING.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        times = {}  # the first stage of a fresh checkout, or a file cut short: start it anew
+    times = times if isinstance(times, dict) else {}
+    times[name] = {"seconds": round(seconds, 2), "processors": len(os.sched_getaffinity(0))}
+    write_json(times, TIMING)

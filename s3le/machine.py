@@ -1,0 +1,105 @@
+"""A robot ready to be computed with: its files resolved once, then one object for all stages.
+
+The `robot` stage writes a folder that stands by itself (robot file, URDF, settings); every later
+stage reads that folder, so a change of the robot reaches exactly what depends on it.
+"""
+
+import shutil
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from s3le import store
+from s3le.errors import RobotError
+from s3le.kernels import chain
+from s3le.robot import pairs
+from s3le.robot.certificate import Certifier
+from s3le.robot.model import Robot, load
+from s3le.skeleton import NECKS
+from s3le.tables.robot_pairs import ROBOT_PAIRS
+
+ROBOT_FILE, SETTINGS, PAIRS = "robot.yaml", "settings.json", "pairs.parquet"
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A robot with its watched pairs, the clearance it must keep, and where its neck is."""
+
+    robot: Robot
+    pairs: tuple[pairs.Pair, ...]
+    margin: float  # [m]
+    neck: str  # skeleton.NECKS
+
+    @cached_property
+    def watched(self) -> np.ndarray:
+        """Body indices of the watched pairs, int64 (n_pairs, 2)."""
+        return pairs.watched(list(self.pairs))
+
+    @cached_property
+    def chain(self) -> chain.Chain:
+        """The robot as flat arrays for the kernels."""
+        return chain.build(self.robot, self.watched, self.neck)
+
+    @property
+    def tag(self) -> str:
+        """Name, digest and settings: what a table says it was made for."""
+        return f"{self.robot.name} {self.robot.digest} margin={self.margin!r} neck={self.neck}"
+
+    def certifier(self) -> Certifier:
+        """A fresh independent checker (one per thread)."""
+        return Certifier(self.robot, self.watched)
+
+    def pair_name(self, row: int) -> str:
+        """The two bodies of a watched pair."""
+        return " and ".join(self.robot.bodies[body].name for body in self.watched[row])
+
+
+def make(robot_file: Path, margin: float, neck: str) -> Machine:
+    """Read a robot file and settle what every stage needs to know.
+
+    Raises:
+        RobotError: the files are unusable, or the anchor pose does not keep the margin.
+    """
+    robot = load(robot_file)
+    if neck not in NECKS:
+        raise RobotError(f"neck must be one of {', '.join(NECKS)}, got {neck!r}")
+    machine = Machine(robot, tuple(pairs.all_pairs(robot)), margin, neck)
+    report = machine.certifier().check(robot.anchor[None])
+    if not report.clearance[0] >= margin:
+        raise RobotError(
+            f"robot {robot.name}: at the anchor {machine.pair_name(int(report.pair[0]))} are "
+            f"{report.clearance[0] * 1e3:.2f} mm apart, less than the margin of {margin * 1e3:g} mm; "
+            "give another anchor or a smaller margin"
+        )
+    return machine
+
+
+def write(machine: Machine, folder: Path) -> None:
+    """Write the folder that `read` takes: robot file, URDF, settings and the list of pairs."""
+    folder.mkdir(parents=True, exist_ok=True)
+    description = machine.robot.description
+    source = description.source.read_text(encoding="utf-8")
+    local = source.replace(description.urdf_name, description.urdf.name)
+    shutil.copyfile(description.urdf, folder / description.urdf.name)
+    store.write_text(local, folder / ROBOT_FILE)
+    store.write_json({"margin": machine.margin, "neck": machine.neck}, folder / SETTINGS)
+    bodies = machine.robot.bodies
+    rows = [
+        (bodies[p.a].name, bodies[p.b].name, p.kind, p.reason == pairs.WATCHED, p.reason, p.clearance)
+        for p in machine.pairs
+    ]
+    frame = pl.DataFrame(rows, schema=list(ROBOT_PAIRS.columns), orient="row")
+    store.write(frame, ROBOT_PAIRS, folder / PAIRS, machine.tag)
+
+
+def read(folder: Path) -> Machine:
+    """Read what `write` wrote.
+
+    Raises:
+        RobotError, TableError: a file is missing or damaged.
+    """
+    settings = store.read_json(folder / SETTINGS, "robot")
+    return make(folder / ROBOT_FILE, float(settings["margin"]), str(settings["neck"]))

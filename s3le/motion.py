@@ -1,0 +1,95 @@
+"""From joint positions to the skeletons that the method sees, with every dropped frame counted."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from s3le.skeleton import POINTS, face_forward, features, mirror_points
+
+LEVEL_MIN = 0.2  # least horizontal share of the pelvis line for which a heading means anything
+
+
+class Kept(NamedTuple):
+    """Skeletons of the frames that could be used."""
+
+    rows: np.ndarray  # int (m,), which of the given frames
+    x: np.ndarray  # (m, 21), facing forward
+    heading: np.ndarray  # [rad], (m,), the yaw that was taken out
+    dropped: dict[str, int]  # cause -> frames
+
+
+def skeletons(points: np.ndarray, neck: str, tilt_max: float) -> Kept:
+    """Turn frames to face forward and read their seven unit vectors.
+
+    A frame counts under the first cause that applies to it: not finite, a pelvis line that is
+    nearly vertical or has no length, a bone without length, a torso tilted too far.
+
+    Args:
+        points: joint positions [m], (n, 10, 3), z up.
+        neck: skeleton.NECKS.
+        tilt_max: largest angle between hip-to-neck and the vertical [rad].
+    """
+    points = np.asarray(points, float)
+    turned, heading, level = face_forward(points)
+    x, has_bones = features(turned, neck)
+    finite = np.isfinite(points).all(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        has_heading = level >= LEVEL_MIN
+        upright = np.arccos(np.clip(x[:, 2], -1.0, 1.0)) <= tilt_max
+    dropped = {}
+    left = np.ones(len(points), bool)
+    causes = (("not_finite", finite), ("pelvis", has_heading), ("bone", has_bones), ("tilt", upright))
+    for cause, good in causes:
+        dropped[cause] = int((left & ~good).sum())
+        left &= good
+    rows = np.flatnonzero(left)
+    return Kept(rows, x[rows], heading[rows], dropped)
+
+
+class Domain(NamedTuple):
+    """Skeletons of the mocap domain, D_X."""
+
+    x: np.ndarray  # (n, 21)
+    origin: np.ndarray  # int (n,), which given frame a row comes from
+    kind: np.ndarray  # str (n,): raw, mirrored or noisy
+
+
+def domain(
+    points: np.ndarray, neck: str, tilt_max: float, count: int, noise: float, rng: np.random.Generator
+) -> Domain:
+    """Up to `count` human skeletons: recorded frames, their mirror images, then noisy copies.
+
+    Noise is added to joint positions, as the authors do, so short bones wobble more.
+
+    Args:
+        points: recorded joint positions [m] at their own rate, (n, 10, 3).
+        neck, tilt_max: see skeletons.
+        count: rows wanted.
+        noise: standard deviation of the noise on each coordinate [m].
+        rng: where the noise comes from.
+    """
+    kept = skeletons(points, neck, tilt_max)
+    if len(kept.rows) > count:  # more than wanted: thin evenly
+        pick = np.linspace(0, len(kept.rows) - 1, count).round().astype(int)
+        kept = kept._replace(rows=kept.rows[pick], x=kept.x[pick])
+    recorded = points[kept.rows]
+    parts = [(kept.x, kept.rows, "raw")]
+    room = count - len(kept.rows)
+    if room > 0 and len(recorded):
+        mirrored = skeletons(mirror_points(recorded), neck, tilt_max)
+        take = mirrored.rows[:room]
+        parts.append((mirrored.x[: len(take)], kept.rows[take], "mirrored"))
+        room -= len(take)
+    both = np.concatenate([recorded, mirror_points(recorded)])
+    origin = np.concatenate([kept.rows, kept.rows])
+    while room > 0 and noise > 0.0 and len(both):
+        drawn = rng.integers(len(both), size=room)
+        shaken = both[drawn] + rng.normal(0.0, noise, (room, len(POINTS), 3))
+        noisy = skeletons(shaken, neck, np.pi)  # noise alone must not decide what is upright
+        parts.append((noisy.x, origin[drawn[noisy.rows]], "noisy"))
+        room -= len(noisy.rows)
+    return Domain(
+        np.concatenate([x for x, _, _ in parts]),
+        np.concatenate([rows for _, rows, _ in parts]),
+        np.concatenate([np.full(len(x), kind) for x, _, kind in parts]),
+    )

@@ -1,0 +1,133 @@
+"""Read and write tables: the only room beside artifact that touches data on disk.
+
+A file appears whole or not at all, explains itself (units and sentences in its schema), and is
+refused when it breaks its contract or belongs to another robot.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from s3le.errors import TableError
+from s3le.tables.schema import Table
+
+_ROBOT = b"s3le.robot"
+
+
+def write(frame: pl.DataFrame, table: Table, path: Path, robot: str | None = None) -> None:
+    """Check a frame against its contract and write it.
+
+    Args:
+        frame: the rows.
+        table: their contract.
+        path: where; the folder is made if need be.
+        robot: "name digest" of the robot that the rows were made for; wanted if table.robot.
+
+    Raises:
+        TableError: the frame breaks the contract (nothing is written).
+    """
+    table.check(frame)
+    rows = frame.to_arrow()
+    fields = [
+        field.with_metadata({"unit": column.unit, "doc": column.doc})
+        for field, column in zip(rows.schema, table.columns.values(), strict=True)
+    ]
+    about = {"s3le.table": table.name, "s3le.stage": table.stage, "s3le.grain": table.grain}
+    about["s3le.key"] = ",".join(table.key)
+    if table.robot:
+        if not robot:
+            raise TableError(f"{table.name}: cannot be written without naming its robot")
+        about[_ROBOT.decode()] = robot
+    rows = rows.cast(pa.schema(fields, about))
+    replace(path, lambda part: pq.write_table(rows, part, compression="zstd"))
+
+
+def read(
+    table: Table, path: Path, robot: str | None = None, columns: list[str] | None = None
+) -> pl.DataFrame:
+    """Read a table and hold it to its contract.
+
+    Args:
+        table: the contract.
+        path: the file.
+        robot: "name digest" of the robot at hand; compared if given and table.robot.
+        columns: only these, after the check of all.
+
+    Raises:
+        TableError: missing, not Parquet, another table, another robot, or breaking a rule.
+    """
+    path = Path(path)
+    again = f"write it with: dvc repro {table.stage}"
+    if not path.is_file():
+        raise TableError(f"{path} is missing; {again}")
+    try:
+        rows = pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        reason = str(error).splitlines()[0][:160]
+        raise TableError(f"{path} is not readable as Parquet ({reason}); {again}") from None
+    about = rows.schema.metadata or {}
+    if about.get(b"s3le.table", b"").decode() != table.name:
+        raise TableError(f"{path} is not a '{table.name}' table; {again}")
+    if table.robot and robot:
+        made_for = about.get(_ROBOT, b"none").decode()
+        if made_for != robot:
+            raise TableError(
+                f"{path} was made for robot '{made_for}', this is '{robot}'; {again}"
+            )
+    frame = pl.from_arrow(rows)
+    table.check(frame)
+    return frame.select(columns) if columns else frame
+
+
+def write_json(tree: Mapping, path: Path) -> None:
+    """Write a mapping as JSON with sorted keys, whole or not at all; NaN is refused.
+
+    Raises:
+        TableError: a value is not finite or not JSON.
+    """
+    try:
+        text = json.dumps(tree, indent=2, sort_keys=True, allow_nan=False) + "\n"
+    except (ValueError, TypeError) as error:
+        raise TableError(f"{path}: not writable as JSON ({error})") from None
+    write_text(text, path)
+
+
+def read_json(path: Path, stage: str) -> dict:
+    """Read a mapping that a stage wrote.
+
+    Raises:
+        TableError: missing or not a JSON object.
+    """
+    try:
+        tree = json.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise TableError(f"{path} is missing; write it with: dvc repro {stage}") from None
+    except ValueError as error:
+        raise TableError(f"{path} is not JSON ({error}); dvc repro {stage}") from None
+    if not isinstance(tree, dict):
+        raise TableError(f"{path} holds no JSON object; write it with: dvc repro {stage}")
+    return tree
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write text, whole or not at all."""
+    replace(path, lambda part: part.write_text(text, encoding="utf-8"))
+
+
+def replace(path: Path, fill) -> None:
+    """Let fill(part) write a file beside path, then put it in path's place in one step."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        fill(part)
+        with part.open("rb") as handle:
+            os.fsync(handle.fileno())
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
