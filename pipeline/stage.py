@@ -60,11 +60,11 @@ def read(params: type, path: Path = PARAMS) -> Any:
         raise ParameterError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(tree, dict):
         raise ParameterError(f"{path} holds no mapping of parameters")
-    section = tree.get(params.section, {})
+    own = [f.name for f in fields(params) if not f.metadata["shared"]]
+    section = tree.get(params.section, {}) if own else {}
     if not isinstance(section, dict):
         raise ParameterError(f"{path}: section '{params.section}' must be a mapping, got {section!r}")
-    own = [f.name for f in fields(params) if not f.metadata["shared"]]
-    for key in section.keys() - set(own) if own else ():
+    for key in section.keys() - set(own):
         near = get_close_matches(str(key), own, n=1)
         hint = f"; did you mean {near[0]}?" if near else f"; it has: {', '.join(own)}"
         raise ParameterError(f"{path}: section '{params.section}' has no parameter '{key}'{hint}")
@@ -110,12 +110,14 @@ def say(line: str) -> None:
 
 
 def launch(main: Callable[..., None], name: str) -> None:
-    """Run a stage; a refusal is one line on stderr and exit status 2, not a traceback."""
+    """Run a stage; a refusal is one line on stderr and exit status 2, not a traceback.
+
+    Args:
+        main: the stage; its arguments come from the command line.
+        name: the stage's name in dvc.yaml; an argument makes it `name@argument`.
+    """
     began = time.perf_counter()
-
-    def finished(*_: Any, **__: Any) -> None:
-        _note_time(name, time.perf_counter() - began)
-
+    name = "@".join([name, *sys.argv[1:2]])
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command()(main)
     try:
@@ -128,7 +130,7 @@ def launch(main: Callable[..., None], name: str) -> None:
         raise SystemExit(2) from None
     except typer.Abort:
         raise SystemExit(130) from None
-    finished()
+    _note_time(name, time.perf_counter() - began)
 
 
 def _note_time(name: str, seconds: float) -> None:

@@ -10,7 +10,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 
 from s3le import store
 from s3le.errors import RobotError
@@ -91,8 +90,8 @@ def write(machine: Machine, folder: Path) -> None:
         (bodies[p.a].name, bodies[p.b].name, p.kind, p.reason == pairs.WATCHED, p.reason, p.clearance)
         for p in machine.pairs
     ]
-    frame = pl.DataFrame(rows, schema=list(ROBOT_PAIRS.columns), orient="row")
-    store.write(frame, ROBOT_PAIRS, folder / PAIRS, machine.tag)
+    columns = dict(zip(ROBOT_PAIRS.columns, map(np.array, zip(*rows, strict=True)), strict=True))
+    store.write(columns, ROBOT_PAIRS, folder / PAIRS, machine.tag)
 
 
 def read(folder: Path) -> Machine:

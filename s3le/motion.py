@@ -1,9 +1,12 @@
 """From joint positions to the skeletons that the method sees, with every dropped frame counted."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from s3le.errors import ClipError
+from s3le.mocap.clip import Clip, resample
 from s3le.skeleton import POINTS, face_forward, features, mirror_points
 
 LEVEL_MIN = 0.2  # least horizontal share of the pelvis line for which a heading means anything
@@ -93,3 +96,98 @@ def domain(
         np.concatenate([rows for _, rows, _ in parts]),
         np.concatenate([np.full(len(x), kind) for x, _, kind in parts]),
     )
+
+
+class Motion(NamedTuple):
+    """Skeletons of many clips at a common rate, one frame a row, and what was dropped."""
+
+    split: np.ndarray  # str (n,)
+    clip: np.ndarray  # str (n,)
+    frame: np.ndarray  # int32 (n,), number at the common rate; dropped frames leave gaps
+    time: np.ndarray  # [s], (n,)
+    heading: np.ndarray  # [rad], (n,)
+    x: np.ndarray  # (n, 21)
+
+
+def at_rate(
+    points: dict[str, np.ndarray], rate: float, neck: str, tilt_max: float
+) -> tuple[Motion, dict[str, dict[str, int]]]:
+    """Resample every clip and read its skeletons.
+
+    Args:
+        points: columns of table mocap_points.
+        rate: frames per second [Hz].
+        neck, tilt_max: see skeletons.
+
+    Returns:
+        Pair (motion, counts): counts[split] = clips, frames kept, frames dropped by cause, and
+        clips of which no frame was left.
+
+    Raises:
+        ClipError: not one frame of all clips can be used.
+    """
+    parts, counts = [], {}
+    for clip, rows in _clips(points["clip"]):
+        split, fps = str(points["split"][rows][0]), float(points["fps"][rows][0])
+        positions = points["points"][rows].reshape(-1, len(POINTS), 3)
+        sampled = resample(Clip(clip, fps, positions), rate)
+        kept = skeletons(sampled.points, neck, tilt_max)
+        tally = counts.setdefault(split, {"clips": 0, "frames": 0})
+        tally["clips"] += 1
+        tally["frames"] += len(kept.rows)
+        for cause, frames in kept.dropped.items():
+            tally[f"dropped_{cause}"] = tally.get(f"dropped_{cause}", 0) + frames
+        tally["empty_clips"] = tally.get("empty_clips", 0) + (not len(kept.rows))
+        n = len(kept.rows)
+        parts.append(
+            Motion(
+                np.full(n, split),
+                np.full(n, clip),
+                kept.rows.astype(np.int32),
+                kept.rows / rate,
+                kept.heading,
+                kept.x,
+            )
+        )
+    motion = Motion(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    if not len(motion.x):
+        raise ClipError(f"no frame of any clip is usable: {counts}")
+    return motion, counts
+
+
+def _clips(names: np.ndarray) -> Iterator[tuple[str, slice]]:
+    """Each clip's name and its rows, which are consecutive."""
+    starts = np.flatnonzero(np.r_[True, names[1:] != names[:-1]])
+    for begin, end in zip(starts, np.r_[starts[1:], len(names)], strict=True):
+        yield str(names[begin]), slice(int(begin), int(end))
+
+
+def training_domain(
+    points: dict[str, np.ndarray],
+    neck: str,
+    tilt_max: float,
+    count: int,
+    noise: float,
+    rng: np.random.Generator,
+) -> tuple[dict[str, np.ndarray], dict[str, int]]:
+    """Columns of table mocap_domain from the training clips alone, and rows of each kind.
+
+    Args:
+        points: columns of table mocap_points.
+        neck, tilt_max, count, noise, rng: see domain.
+
+    Raises:
+        ClipError: there is no training clip.
+    """
+    train = points["split"] == "train"
+    if not train.any():
+        raise ClipError("there is no training clip; put some into the split 'train'")
+    positions = points["points"][train].reshape(-1, len(POINTS), 3)
+    made = domain(positions, neck, tilt_max, count, noise, rng)
+    columns = {
+        "row": np.arange(len(made.x), dtype=np.int32),
+        "clip": points["clip"][train][made.origin],
+        "kind": made.kind,
+        "x": made.x,
+    }
+    return columns, {kind: int((made.kind == kind).sum()) for kind in ("raw", "mirrored", "noisy")}

@@ -9,6 +9,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -19,18 +20,21 @@ from s3le.tables.schema import Table
 _ROBOT = b"s3le.robot"
 
 
-def write(frame: pl.DataFrame, table: Table, path: Path, robot: str | None = None) -> None:
-    """Check a frame against its contract and write it.
+def write(
+    columns: Mapping[str, np.ndarray], table: Table, path: Path, robot: str | None = None
+) -> None:
+    """Check columns against their contract and write them as one Parquet file.
 
     Args:
-        frame: the rows.
-        table: their contract.
+        columns: arrays of shape (n,) or (n, width), or a polars frame, in the contract's order.
+        table: the contract.
         path: where; the folder is made if need be.
-        robot: "name digest" of the robot that the rows were made for; wanted if table.robot.
+        robot: tag of the robot that the rows were made for (Machine.tag); wanted if table.robot.
 
     Raises:
-        TableError: the frame breaks the contract (nothing is written).
+        TableError: the rows break the contract (nothing is written).
     """
+    frame = columns if isinstance(columns, pl.DataFrame) else _frame(columns, table)
     table.check(frame)
     rows = frame.to_arrow()
     fields = [
@@ -47,20 +51,42 @@ def write(frame: pl.DataFrame, table: Table, path: Path, robot: str | None = Non
     replace(path, lambda part: pq.write_table(rows, part, compression="zstd"))
 
 
-def read(
-    table: Table, path: Path, robot: str | None = None, columns: list[str] | None = None
-) -> pl.DataFrame:
-    """Read a table and hold it to its contract.
+def _frame(columns: Mapping[str, np.ndarray], table: Table) -> pl.DataFrame:
+    wrong = list(columns) if list(columns) != list(table.columns) else []
+    if wrong:
+        raise TableError(
+            f"{table.name}: columns {', '.join(wrong)} given, {', '.join(table.columns)} wanted"
+        )
+    series = []
+    for name, column in table.columns.items():
+        values = np.asarray(columns[name])
+        width = getattr(column.dtype, "size", None)
+        if width is not None and values.shape[1:] != (width,):
+            raise TableError(f"{table.name}: '{name}' has rows of {values.shape[1:]}, not {width}")
+        series.append(pl.Series(name, values).cast(column.dtype))
+    return pl.DataFrame(series)
+
+
+def read(table: Table, path: Path, robot: str | None = None) -> dict[str, np.ndarray]:
+    """Read a table, hold it to its contract, and hand out its columns as arrays.
 
     Args:
         table: the contract.
         path: the file.
-        robot: "name digest" of the robot at hand; compared if given and table.robot.
-        columns: only these, after the check of all.
+        robot: tag of the robot at hand (Machine.tag); compared if given and table.robot.
+
+    Returns:
+        Column name -> array of shape (n,), or (n, width) for vectors; strings as objects.
 
     Raises:
         TableError: missing, not Parquet, another table, another robot, or breaking a rule.
     """
+    frame = read_frame(table, path, robot)
+    return {name: frame[name].to_numpy() for name in frame.columns}
+
+
+def read_frame(table: Table, path: Path, robot: str | None = None) -> pl.DataFrame:
+    """Read a table as a polars frame; otherwise as `read`."""
     path = Path(path)
     again = f"write it with: dvc repro {table.stage}"
     if not path.is_file():
@@ -76,12 +102,25 @@ def read(
     if table.robot and robot:
         made_for = about.get(_ROBOT, b"none").decode()
         if made_for != robot:
-            raise TableError(
-                f"{path} was made for robot '{made_for}', this is '{robot}'; {again}"
-            )
+            raise TableError(f"{path} was made for robot '{made_for}', this is '{robot}'; {again}")
     frame = pl.from_arrow(rows)
     table.check(frame)
-    return frame.select(columns) if columns else frame
+    return frame
+
+
+def width(path: Path, column: str, stage: str) -> int:
+    """Length of the vectors in a column, from the file's schema alone.
+
+    Raises:
+        TableError: the file is missing, not Parquet, or has no such column of vectors.
+    """
+    again = f"write it with: dvc repro {stage}"
+    if not Path(path).is_file():
+        raise TableError(f"{path} is missing; {again}")
+    try:
+        return pq.read_schema(path).field(column).type.list_size
+    except (pa.ArrowException, OSError, KeyError, AttributeError) as error:
+        raise TableError(f"{path} has no vectors '{column}' ({error}); {again}") from None
 
 
 def write_json(tree: Mapping, path: Path) -> None:

@@ -69,7 +69,8 @@ class Training:
     prior: str = "ball"  # uniform in the unit ball, or normal
     prior_fit: str = "adversarial"  # (paper), or mmd, or none
     adversary_rate: float = 2e-4  # learning rate of the discriminators
-    weight_reconstruction: float = 1.0
+    weight_recon_x: float = 1.0  # of c in X (paper: 1)
+    weight_recon_q: float = 1.0  # of c in Y (paper: 1)
     weight_consensus: float = 1.0
     weight_nt_xent: float = 1.0
     weight_x_to_q: float = 0.0  # decoder_y(encoder_x(x~)) against q-bar; not in the paper
@@ -144,11 +145,10 @@ def wae_terms(
     outward = [wae_y] + ([z_relaxed] if hyper.weight_x_to_q else [])
     x_out = model.decoder_x(torch.cat(inward)).float()
     q_out = model.decoder_y(torch.cat(outward)).float()
-    rebuilt = hyper.weight_reconstruction
-    terms["recon_x"] = rebuilt * losses.reconstruction(
+    terms["recon_x"] = hyper.weight_recon_x * losses.reconstruction(
         torch.cat((batch.mocap_x, target)), x_out[: m + b]
     )
-    terms["recon_q"] = rebuilt * losses.reconstruction(unit_q, q_out[: len(unit_q)])
+    terms["recon_q"] = hyper.weight_recon_q * losses.reconstruction(unit_q, q_out[: len(unit_q)])
     if hyper.weight_q_to_x:
         cross = losses.reconstruction(batch.x_feasible, x_out[m + b :])
         terms["q_to_x"] = hyper.weight_q_to_x * cross
@@ -204,10 +204,9 @@ def ale_terms(
     outward = [z_y] + ([z_x[m:]] if hyper.weight_x_to_q else [])
     q_out = model.decoder_y(torch.cat(outward)).float()
     glue = losses.consensus if hyper.consensus_kind == "plain" else losses.consensus_normalised
-    rebuilt = hyper.weight_reconstruction
     terms = {
-        "recon_x": rebuilt * losses.reconstruction(x, model.decoder_x(z_x).float()),
-        "recon_q": rebuilt * losses.reconstruction(unit_q, q_out[: len(unit_q)]),
+        "recon_x": hyper.weight_recon_x * losses.reconstruction(x, model.decoder_x(z_x).float()),
+        "recon_q": hyper.weight_recon_q * losses.reconstruction(unit_q, q_out[: len(unit_q)]),
         "prior_x": hyper.beta * losses.kl_to_standard_normal(mean_x, logvar_x),
         "prior_y": hyper.beta * losses.kl_to_standard_normal(mean_y, logvar_y),
         "consensus": hyper.weight_consensus * glue(mean_x[m:], mean_y[:b]),
@@ -270,9 +269,7 @@ class _State:
         if note.get("mark") != mark:
             log.warning("checkpoint ignored: %s is of another training; starting anew", path)
             return False
-        self.model.load_state_dict(
-            {k[6:]: v for k, v in tensors.items() if k.startswith("model.")}
-        )
+        self.model.load_state_dict({k[6:]: v for k, v in tensors.items() if k.startswith("model.")})
         named = dict(self.model.named_parameters())
         for (names, _), optimiser in zip(self.groups, self.optimisers, strict=True):
             for name in names:
@@ -371,9 +368,7 @@ def _train(
             if method == "ale":
                 terms, adversary = ale_terms(model, batch, hyper, state.generator), None
             else:
-                terms, adversary = wae_terms(
-                    model, batch, hyper, method == "s3le", state.generator
-                )
+                terms, adversary = wae_terms(model, batch, hyper, method == "s3le", state.generator)
         total = torch.stack(list(terms.values())).sum()
         if adversary is not None:
             terms["discriminator"] = adversary

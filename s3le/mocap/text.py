@@ -94,11 +94,11 @@ def require(path: Path | str, data: bytes, what: str) -> None:
     Raises:
         ClipError: it is empty, binary, or of another format; the text says which.
     """
-    seen = looks_like(data[:4096])
-    if b"\0" in data and seen == what:
-        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+    nul = data.find(b"\0")
+    if nul >= 0 and looks_like(data[: min(nul, 4096)]) == what:
+        line = data.count(b"\n", 0, nul) + 1
         raise refusal(path, line, f"a NUL byte in what begins as {what}")
-    if seen != what:
+    if (seen := looks_like(data[:4096])) != what:
         raise refusal(path, None, f"looks like {seen}, not {what}")
 
 

@@ -86,7 +86,7 @@ def retargeted(n_dof: int) -> Table:
         | FRAME_KEY
         | {
             "time": Column(pl.Float64(), "s", "time in the clip"),
-            "row": Column(pl.Int32(), "-", "row of the index; null where nothing is looked up"),
+            "row": Column(pl.Int32(), "-", "row of the index; -1 where nothing is looked up"),
             "to_truth": Column(pl.Float64(), "-", "mean cosine distance to the ground truth"),
             "to_human": Column(pl.Float64(), "-", "mean cosine distance to the human"),
         }

@@ -1,0 +1,52 @@
+"""Stage `evaluate@ENTRY`: test frames retargeted -> data/retargeted-ENTRY.parquet, figures."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from pipeline.stage import bar, knob, launch, read
+from s3le import comparison, harvest, machine, methods, store
+from s3le.index import METRICS
+from s3le.tables.poses import ground_truth, index, retargeted
+from s3le.tables.skeletons import SKELETONS
+
+ROBOT = Path("data/robot")
+DATA = Path("data")
+SKELETON_ROWS = Path("data/skeletons.parquet")
+TRUTH = Path("data/ground_truth.parquet")
+FIGURES = Path("data/counts")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Params:
+    """How neighbours are measured."""
+
+    section: ClassVar[str] = "evaluate"
+    metric: str = knob("distance between latents, d_Y of eq. (dlu)", one_of=METRICS)
+
+
+def main(name: str) -> None:
+    """Retarget every test frame with one entry; check and score every pose."""
+    params = read(Params)
+    entry = methods.entry(name)
+    robot = machine.read(ROBOT)
+    n_dof = robot.robot.n_dof
+    frames = store.read(SKELETONS, SKELETON_ROWS)
+    truth = store.read(ground_truth(n_dof, robot.margin), TRUTH, robot.tag)
+    pool = None
+    if entry.pool:
+        stored = DATA / f"index-{name}.parquet"
+        pool = store.read(
+            index(n_dof, robot.margin, store.width(stored, "z", "index")), stored, robot.tag
+        )
+    model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
+    with bar(2 * len(harvest.test_rows(frames)), name) as progress:
+        columns, figures = comparison.answer(
+            robot, name, entry, frames, truth, pool, model, params.metric, progress
+        )
+    store.write(columns, retargeted(n_dof), DATA / f"retargeted-{name}.parquet", robot.tag)
+    store.write_json(figures, FIGURES / f"evaluate-{name}.json")
+
+
+if __name__ == "__main__":
+    launch(main, "evaluate")

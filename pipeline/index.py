@@ -1,0 +1,44 @@
+"""Stage `index@ENTRY`: a model and its pool of feasible poses -> data/index-ENTRY.parquet."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from pipeline.stage import launch
+from s3le import comparison, machine, methods, store
+from s3le.tables.pairs import kinematic_pairs, mocap_pairs
+from s3le.tables.poses import index, robot_poses
+
+ROBOT = Path("data/robot")
+DATA = Path("data")
+TABLES = {
+    "mocap_pairs": mocap_pairs,
+    "robot_poses": robot_poses,
+    "kinematic_pairs": kinematic_pairs,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Params:
+    """Nothing to choose: what is stored follows from the entry (s3le/methods.py)."""
+
+    section: ClassVar[str] = "index"
+
+
+def main(name: str) -> None:
+    """Encode every pose of the entry's pool and store it with its latent."""
+    entry = methods.entry(name)
+    robot = machine.read(ROBOT)
+    n_dof = robot.robot.n_dof
+    tables = {
+        pool: store.read(TABLES[pool](n_dof, robot.margin), DATA / f"{pool}.parquet", robot.tag)
+        for pool in entry.pool
+    }
+    model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
+    columns, latent = comparison.stored(robot, entry, tables, model)
+    table = index(n_dof, robot.margin, latent)
+    store.write(columns, table, DATA / f"index-{name}.parquet", robot.tag)
+
+
+if __name__ == "__main__":
+    launch(main, "index")

@@ -1,0 +1,41 @@
+"""Stage `pair`: training frames -> data/mocap_pairs.parquet, by inverse kinematics (Sec. IV-B)."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from pipeline.stage import bar, knob, launch, read
+from s3le import harvest, machine, store
+from s3le.tables.pairs import mocap_pairs
+from s3le.tables.skeletons import SKELETONS
+
+ROBOT = Path("data/robot")
+SKELETON_ROWS = Path("data/skeletons.parquet")
+OUT = Path("data/mocap_pairs.parquet")
+COUNTS = Path("data/counts/pair.json")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Params:
+    """How many tuples, and how the pose is settled."""
+
+    section: ClassVar[str] = "pair"
+    rows: int = knob("tuples to make", at_least=1)
+    ridge: float = knob("pull towards mid-range [-]", at_least=1e-9, at_most=1)
+
+
+def main() -> None:
+    """Retarget training frames without limits and collisions, then project."""
+    params = read(Params)
+    robot = machine.read(ROBOT)
+    frames = store.read(SKELETONS, SKELETON_ROWS)
+    count = len(harvest.train_rows(frames, params.rows))
+    with bar(2 * count, "mocap pairs") as progress:
+        columns, counts = harvest.pair(robot, frames, count, params.ridge, progress)
+    table = mocap_pairs(robot.robot.n_dof, robot.margin)
+    store.write(columns, table, OUT, robot.tag)
+    store.write_json(counts, COUNTS)
+
+
+if __name__ == "__main__":
+    launch(main, "pair")

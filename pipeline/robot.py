@@ -1,0 +1,41 @@
+"""Stage `robot`: robot file and URDF -> data/robot/, the robot resolved once for all stages."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from pipeline.stage import knob, launch, read, say
+from s3le import machine
+from s3le.robot.pairs import OVERLAP
+from s3le.skeleton import NECKS
+
+ROBOTS = Path("data/robots")
+OUT = Path("data/robot")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Params:
+    """What settles the robot."""
+
+    section: ClassVar[str] = "robot"
+    robot: str = knob("robot file in data/robots, without .yaml", shared=True)
+    margin: float = knob("clearance that every pose keeps [m]", at_least=0, at_most=0.1, shared=True)
+    neck: str = knob("where the neck is", one_of=NECKS, shared=True)
+
+
+def main() -> None:
+    """Check the robot, decide which pairs of bodies are watched, write it all to one folder."""
+    params = read(Params)
+    made = machine.make(ROBOTS / f"{params.robot}.yaml", params.margin, params.neck)
+    machine.write(made, OUT)
+    for reason, count in sorted(Counter(pair.reason for pair in made.pairs).items()):
+        say(f"{count:4d} pairs of bodies: {reason}")
+    bodies = made.robot.bodies
+    for pair in made.pairs:
+        if pair.reason == OVERLAP and pair.kind == "limb-trunk":
+            say(f"     not watched: {bodies[pair.a].name} (trunk or limb) and {bodies[pair.b].name}")
+
+
+if __name__ == "__main__":
+    launch(main, "robot")

@@ -1,0 +1,147 @@
+"""What a row of the comparison stores and answers, from tables to tables."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from s3le import artifact, harvest, index
+from s3le.errors import TableError
+from s3le.evaluation import score, summary
+from s3le.kernels import batch
+from s3le.kernels.batch import Progress
+from s3le.machine import Machine
+from s3le.methods import Entry
+from s3le.robot.certificate import Report
+
+Columns = dict[str, np.ndarray]
+_POSE = {"mocap_pairs": ("q_feasible", "x_feasible"), "kinematic_pairs": ("q_feasible", "x_feasible")}
+
+
+def stored(
+    machine: Machine, entry: Entry, tables: Mapping[str, Columns], model: Path | None
+) -> tuple[Columns, int]:
+    """Columns of table index: every pose of the entry's pool with its latent.
+
+    The latent of an entry without a model is the pose's skeleton itself.
+
+    Args:
+        machine: the robot.
+        entry: the row of the comparison.
+        tables: columns of the tables in entry.pool, by name.
+        model: the trained model's file; None for an entry without one.
+
+    Returns:
+        Pair (columns, length of a latent).
+
+    Raises:
+        ModelError: the model is missing, damaged, or of another robot.
+    """
+    parts = []
+    for name in entry.pool:
+        q, x = _POSE.get(name, ("q", "x"))
+        rows = tables[name]
+        n = len(rows[q])
+        parts.append(
+            {
+                "source": np.full(n, name),
+                "source_row": np.arange(n, dtype=np.int32),
+                "q": rows[q],
+                "x": rows[x],
+                "clearance": rows["clearance"],
+                "limit_margin": rows["limit_margin"],
+            }
+        )
+    pool = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    z = pool["x"]
+    if entry.model:
+        net, _ = artifact.load_model(model, method=entry.model, robot_hash=machine.tag)
+        z = artifact.encode_q(net, pool["q"])
+    columns = {
+        "row": np.arange(len(z), dtype=np.int32),
+        "source": pool["source"],
+        "source_row": pool["source_row"],
+        "z": np.asarray(z, np.float32),
+    } | {key: pool[key] for key in ("q", "x", "clearance", "limit_margin")}
+    return columns, z.shape[1]
+
+
+def answer(
+    machine: Machine,
+    name: str,
+    entry: Entry,
+    frames: Columns,
+    truth: Columns,
+    pool: Columns | None,
+    model: Path | None,
+    metric: str,
+    progress: Progress | None = None,
+) -> tuple[Columns, dict]:
+    """Retarget every test frame with one entry, check and score what comes out.
+
+    Args:
+        machine: the robot.
+        name, entry: the row of the comparison.
+        frames: columns of table skeletons.
+        truth: columns of table ground_truth, one row for each test frame, in the same order.
+        pool: columns of table index; None for an entry that decodes.
+        model: the trained model's file; None for an entry without one.
+        metric: index.METRICS.
+        progress: called with numbers of rows done, twice a row (answered, checked).
+
+    Returns:
+        Pair (columns of table retargeted, figures by split).
+
+    Raises:
+        TableError: truth and frames do not match row by row.
+        CertificateError: a stored pose turns out not to be feasible.
+    """
+    rows = harvest.test_rows(frames)
+    for column in ("clip", "frame"):
+        if not np.array_equal(frames[column][rows], truth[column]):
+            raise TableError("ground_truth and skeletons hold different frames; dvc repro truth")
+    human = frames["x"][rows]
+    z = human
+    net = None
+    if entry.model:
+        net, _ = artifact.load_model(model, method=entry.model, robot_hash=machine.tag)
+        z = artifact.encode_x(net, human)
+    checker = machine.certifier()
+    if pool is None:
+        q = artifact.decode_q(net, z).astype(float)
+        if progress:
+            progress(len(q))
+        found = np.full(len(q), -1, np.int32)
+        report = checker.check(q, progress)
+    else:
+        found, _ = index.look_up(pool["z"], np.asarray(z, np.float32), metric, progress)
+        q = pool["q"][found]
+        report = checker.require(q, machine.margin, progress)
+    x = batch.skeletons(machine.chain, q)
+    scored = score(x, truth["x"], human)
+    split = frames["split"][rows]
+    columns = {
+        "method": np.full(len(rows), name),
+        "split": split,
+        "clip": frames["clip"][rows],
+        "frame": frames["frame"][rows],
+        "time": frames["time"][rows],
+        "row": found.astype(np.int32),
+        "to_truth": scored.to_truth,
+        "to_human": scored.to_human,
+        "q": q,
+        "x": x,
+        "clearance": report.clearance,
+        "limit_margin": report.limit_margin,
+    }
+    figures = {}
+    for part in dict.fromkeys(split.tolist()):
+        at = split == part
+        figures[part] = summary(
+            frames["clip"][rows][at],
+            type(scored)(*(values[at] for values in scored)),
+            Report(*(values[at] for values in report)),
+            machine.margin,
+        )
+        figures[part]["all"]["pool"] = len(pool["z"]) if pool is not None else 0
+    return columns, figures

@@ -1,0 +1,518 @@
+import csv
+import gzip
+import hashlib
+import os
+import re
+import subprocess
+import sys
+import threading
+import zipfile
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+from handmade import SHARED, amc, asf, bvh, deepmimic, write
+
+from s3le.errors import ClipError, FetchError, ParameterError
+from s3le.mocap import fetch, sources
+from s3le.mocap.read import read_clip
+
+CLIPS = Path(__file__).parents[1] / "data" / "clips"
+ROW = [0.0] * 12
+ASF, AMC = asf().encode(), amc({}, {}, {}).encode()
+FAST = {"tries": 3, "wait": 0.01, "timeout": 5.0}
+
+
+def digest(data):
+    return hashlib.sha256(data).hexdigest()
+
+
+def table(path, columns, *rows):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as stream:
+        csv.writer(stream).writerows([columns.split(","), *rows])
+    return path
+
+
+# --- HTTP -------------------------------------------------------------------------------------
+
+
+class Server:
+    """Files by path, how to misbehave, and what was asked for."""
+
+    def __init__(self):
+        self.files, self.requests = {}, []
+        self.drop_after = []  # bytes to send before hanging up, one for each answer
+        self.status = []  # statuses to answer with, one for each request
+        self.ranges = True
+        self.content_range = None
+        self.lengths = True
+
+
+@pytest.fixture
+def server(monkeypatch):
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    state = Server()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):  # noqa: N802
+            state.requests.append((self.path, self.headers.get("Range")))
+            status = state.status.pop(0) if state.status else 200
+            body = state.files.get(self.path)
+            if body is None and status == 200:
+                status = 404
+            if status != 200:
+                self.send_error(status)
+                return
+            total, begin = len(body), 0
+            asked = re.fullmatch(r"bytes=(\d+)-", self.headers.get("Range") or "")
+            if asked and state.ranges:
+                begin = int(asked[1])
+                if begin >= total:
+                    self.send_error(416)
+                    return
+                self.send_response(206)
+                span = state.content_range or f"bytes {begin}-{total - 1}/{total}"
+                self.send_header("Content-Range", span)
+            else:
+                self.send_response(200)
+            if state.lengths:
+                self.send_header("Content-Length", str(total - begin))
+            self.end_headers()
+            keep = state.drop_after.pop(0) if state.drop_after else total
+            self.wfile.write(body[begin:][:keep])
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as web:
+        thread = threading.Thread(target=web.serve_forever, args=(0.01,))
+        thread.start()
+        state.base = f"http://127.0.0.1:{web.server_port}"
+        yield state
+        web.shutdown()
+        thread.join()
+
+
+BODY = bytes(range(256)) * 1000
+
+
+def get(server, tmp_path, check=lambda part: "", **kwargs):
+    target = tmp_path / "deep" / "file"
+    fetch.download(f"{server.base}/file", target, check, **(FAST | kwargs))
+    return target
+
+
+def test_a_file_arrives_whole_and_leaves_no_part(server, tmp_path):
+    server.files["/file"] = BODY
+    target = get(server, tmp_path)
+    assert target.read_bytes() == BODY and os.listdir(target.parent) == ["file"]
+
+
+def test_a_dropped_connection_is_resumed_where_it_broke(server, tmp_path):
+    server.files["/file"], server.drop_after = BODY, [100_000, 50_000]
+    assert get(server, tmp_path).read_bytes() == BODY
+    assert [ask for _, ask in server.requests] == [None, "bytes=100000-", "bytes=150000-"]
+
+
+def test_a_later_run_resumes_what_an_earlier_one_left(server, tmp_path):
+    server.files["/file"], server.drop_after = BODY, [1000, 1000, 1000]
+    with pytest.raises(FetchError, match="cut short, 3000 of 256000 bytes .in 3 tries"):
+        get(server, tmp_path)
+    assert os.listdir(tmp_path / "deep") == ["file.part"]
+    assert get(server, tmp_path).read_bytes() == BODY
+    assert server.requests[-1][1] == "bytes=3000-"
+
+
+def test_a_server_that_ignores_ranges_sends_it_all_again(server, tmp_path):
+    server.files["/file"], server.drop_after, server.ranges = BODY, [100_000], False
+    assert get(server, tmp_path).read_bytes() == BODY
+
+
+def test_a_server_that_sends_another_range_is_not_believed(server, tmp_path):
+    server.files["/file"], server.drop_after = BODY, [100_000]
+    server.content_range = "bytes 7-255999/256000"
+    assert get(server, tmp_path).read_bytes() == BODY
+    assert [ask for _, ask in server.requests] == [None, "bytes=100000-", None]
+
+
+def test_a_part_longer_than_the_file_is_thrown_away(server, tmp_path):
+    server.files["/file"] = BODY
+    write(tmp_path / "deep" / "file.part", BODY + b"more")
+    assert get(server, tmp_path).read_bytes() == BODY
+
+
+def test_a_part_of_another_file_does_not_survive_the_check(server, tmp_path):
+    server.files["/file"] = BODY
+    write(tmp_path / "deep" / "file.part", b"x" * 1000)
+    right = get(server, tmp_path, lambda part: "" if part.read_bytes() == BODY else "wrong")
+    assert right.read_bytes() == BODY
+
+
+def test_a_whole_file_that_fails_its_check_is_refused_at_once(server, tmp_path):
+    server.files["/file"] = BODY
+    with pytest.raises(FetchError, match="/file: not what was asked for"):
+        get(server, tmp_path, lambda part: "not what was asked for")
+    assert len(server.requests) == 1 and os.listdir(tmp_path / "deep") == []
+
+
+@pytest.mark.parametrize("status", [500, 503, 429])
+def test_a_passing_trouble_is_tried_again(server, tmp_path, status):
+    server.files["/file"], server.status = BODY, [status, status]
+    assert get(server, tmp_path).read_bytes() == BODY and len(server.requests) == 3
+
+
+@pytest.mark.parametrize("status", [403, 404, 410])
+def test_a_file_that_is_not_there_is_asked_for_once(server, tmp_path, status):
+    server.status = [status]
+    with pytest.raises(fetch.NotThereError, match=f"HTTP status {status}"):
+        get(server, tmp_path)
+    assert len(server.requests) == 1
+
+
+@pytest.mark.parametrize("lengths", [True, False])
+def test_a_file_without_end_is_refused_at_the_limit(server, tmp_path, lengths):
+    server.files["/file"], server.lengths = BODY, lengths
+    with pytest.raises(FetchError, match="more than the 1000"):
+        get(server, tmp_path, limit=1000)
+    assert os.listdir(tmp_path / "deep") == []
+
+
+def test_nobody_at_home_is_told_apart(tmp_path, monkeypatch):
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    with pytest.raises(fetch.UnreachableError, match="in 3 tries"):
+        fetch.download("http://127.0.0.1:9/file", tmp_path / "file", lambda part: "", **FAST)
+
+
+def test_other_schemes_are_not_opened(tmp_path):
+    with pytest.raises(FetchError, match="only http:// and https://"):
+        fetch.download("file:///etc/hosts", tmp_path / "file", lambda part: "")
+
+
+# --- CMU --------------------------------------------------------------------------------------
+
+COLUMNS = "trial,description,fps,split,sha256,asf_sha256"
+
+
+@pytest.fixture
+def manifest(tmp_path):
+    return table(
+        tmp_path / "manifest.csv", COLUMNS,
+        ("01_01", "walk", 120, "train", digest(AMC), digest(ASF)),
+        ("01_02", "run", 120, "test", "", digest(ASF)),
+        ("79_03", "swim, far", 60, "heldout", "", ""),
+    )  # fmt: skip
+
+
+def serve_all(server):
+    for subject, trial in (("01", "01_01"), ("01", "01_02"), ("79", "79_03")):
+        server.files[f"/subjects/{subject}/{subject}.asf"] = ASF
+        server.files[f"/subjects/{subject}/{trial}.amc"] = AMC
+
+
+def test_trials_come_over_http_once_and_read(server, tmp_path, manifest):
+    serve_all(server)
+    found = sources.cmu(manifest, tmp_path / "cache", server.base, **FAST)
+    assert found.left_out == []
+    assert [(s.clip, s.split, s.fps, s.description) for s in found.clips] == [
+        ("01_01", "train", 120.0, "walk"),
+        ("01_02", "test", 120.0, "run"),
+        ("79_03", "heldout", 60.0, "swim, far"),
+    ]
+    assert found.clips[0].path == tmp_path / "cache" / "01" / "01_01.amc"
+    assert len(read_clip(found.clips[2].path, found.clips[2].fps).points) == 3
+    asked = len(server.requests)
+    assert asked == 5  # two skeletons, three motions
+    again = sources.cmu(manifest, tmp_path / "cache", server.base, **FAST)
+    assert again == found and len(server.requests) == asked
+    assert sources.cmu(manifest, tmp_path / "unused", tmp_path / "cache") == found
+
+
+def test_only_the_splits_wanted_are_fetched(server, tmp_path, manifest):
+    serve_all(server)
+    found = sources.cmu(manifest, tmp_path / "c", server.base, splits=("test",), **FAST)
+    assert [s.clip for s in found.clips] == ["01_02"]
+    assert len(server.requests) == 2
+
+
+def test_a_gzipped_mirror_serves_as_well_and_a_cut_file_is_resumed(server, tmp_path, manifest):
+    serve_all(server)
+    packed = gzip.compress(AMC)
+    del server.files["/subjects/01/01_01.amc"]
+    server.files["/subjects/01/01_01.amc.gz"] = packed
+    server.drop_after = [len(ASF), len(AMC), len(packed) // 2]
+    found = sources.cmu(manifest, tmp_path / "c", server.base, **FAST)
+    assert found.clips[0].path.name == "01_01.amc.gz"
+    assert found.clips[0].path.read_bytes() == packed
+    assert len(read_clip(found.clips[0].path).points) == 3
+
+
+@pytest.mark.parametrize(
+    ("body", "why"),
+    [
+        (b"<!DOCTYPE html><title>moved</title>", "looks like an HTML or XML page, not AMC text"),
+        (b"", "looks like an empty file, not AMC text"),
+        (AMC + b"4\n", f"sha256 is {digest(AMC + b'4' + bytes([10]))}, wanted {digest(AMC)}"),
+    ],
+)
+def test_a_page_in_place_of_a_trial_is_refused_and_not_kept(
+    server, tmp_path, manifest, body, why
+):
+    serve_all(server)
+    server.files["/subjects/01/01_01.amc"] = body
+    with pytest.raises(FetchError, match=why):
+        sources.cmu(manifest, tmp_path / "c", server.base, **FAST)
+    assert sorted(os.listdir(tmp_path / "c" / "01")) == ["01.asf", "01_02.amc"]
+
+
+def test_missing_trials_are_named_together_with_what_to_do(server, tmp_path, manifest):
+    serve_all(server)
+    del server.files["/subjects/01/01_02.amc"], server.files["/subjects/79/79.asf"]
+    with pytest.raises(FetchError) as error:
+        sources.cmu(manifest, tmp_path / "c", server.base, **FAST)
+    assert str(error.value) == (
+        f"2 of 3 trials cannot be had: 01_02, 79_03; first: {server.base}/subjects/01/01_02.amc.gz:"
+        f" HTTP status 404; run again to go on from {tmp_path / 'c'}, or give a folder with "
+        "subjects/SS/SS_TT.amc as base, or allow trials to be skipped"
+    )
+    found = sources.cmu(manifest, tmp_path / "c", server.base, missing="skip", **FAST)
+    assert [s.clip for s in found.clips] == ["01_01"]
+    assert [said.partition(":")[0] for said in found.left_out] == ["01_02", "79_03"]
+
+
+def test_a_dead_server_is_asked_for_one_trial_only(server, tmp_path, manifest):
+    begin_base = "http://127.0.0.1:9"
+    with pytest.raises(FetchError, match="3 of 3 trials cannot be had: 01_01, 01_02, 79_03"):
+        sources.cmu(manifest, tmp_path / "c", begin_base, missing="skip", **FAST)
+
+
+def test_a_damaged_cache_is_fetched_again(server, tmp_path, manifest):
+    serve_all(server)
+    found = sources.cmu(manifest, tmp_path / "c", server.base, **FAST)
+    found.clips[0].path.write_bytes(AMC[:-20])
+    sources.cmu(manifest, tmp_path / "c", server.base, **FAST)
+    assert found.clips[0].path.read_bytes() == AMC
+
+
+@pytest.mark.parametrize("above", ["", "subjects/"])
+@pytest.mark.parametrize("suffix", ["", ".gz"])
+def test_a_local_mirror_is_read_where_it_lies(tmp_path, manifest, above, suffix):
+    for subject, trial in (("01", "01_01"), ("01", "01_02"), ("79", "79_03")):
+        write(tmp_path / f"mirror/{above}{subject}/{subject}.asf{suffix}", ASF)
+        write(tmp_path / f"mirror/{above}{subject}/{trial}.amc{suffix}", AMC)
+    found = sources.cmu(manifest, tmp_path / "c", tmp_path / "mirror")
+    assert len(found.clips) == 3 and not (tmp_path / "c").exists()
+    assert len(read_clip(found.clips[0].path).points) == 3
+
+
+def test_a_changed_file_in_a_local_mirror_is_refused(tmp_path, manifest):
+    write(tmp_path / "mirror/01/01.asf", ASF)
+    write(tmp_path / "mirror/01/01_01.amc", amc({}))
+    with pytest.raises(FetchError, match="01_01.amc: sha256 is"):
+        sources.cmu(manifest, tmp_path / "c", tmp_path / "mirror", splits=("train",))
+
+
+@pytest.mark.parametrize("wish", [{"missing": "ignore"}, {"splits": ("training",)}])
+def test_misspelt_wishes_are_refused(tmp_path, manifest, wish):
+    with pytest.raises(ParameterError):
+        sources.cmu(manifest, tmp_path / "c", tmp_path, **wish)
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        (("../../x", "d", 120, "train", "", ""), r":3: '../../x' is no name of a clip"),
+        (("01_01", "d", 120, "train", "", ""), ":3: '01_01' is there twice"),
+        (("01_02", "d", 120, "training", "", ""), ":3: split must be one of train, test"),
+        (("01_02", "d", 120, "train", "beef", ""), ":3: 'beef' is no sha256"),
+        (("01_02", "d", 120, "train", ""), ":3: a row has 6 values"),
+        (("01_02", "d", 120, "train", "", "", ""), ":3: a row has 6 values"),
+    ],
+)
+def test_a_faulty_manifest_is_refused_with_its_line(tmp_path, row, why):
+    path = table(tmp_path / "m.csv", COLUMNS, ("01_01", "d", 120, "train", "", ""), row)
+    with pytest.raises(ClipError, match=why):
+        sources.cmu(path, tmp_path / "c", tmp_path)
+
+
+def test_other_columns_are_refused(tmp_path):
+    path = table(tmp_path / "m.csv", "trial,fps", ("01_01", 120))
+    with pytest.raises(ClipError, match="m.csv:1: columns must be trial,description,fps"):
+        sources.cmu(path, tmp_path / "c", tmp_path)
+
+
+# --- the demo ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def wheel(tmp_path):
+    """A wheel with two clips, its manifest, and how often it was downloaded."""
+    texts = {"hop": deepmimic({}, {}), "wave": deepmimic({}, {}, {})}
+    path = tmp_path / "pybullet.whl"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("pybullet.so", b"\0" * 1000)
+        for name, content in texts.items():
+            archive.writestr(f"pybullet_data/data/motions/humanoid3d_{name}.txt", content)
+    table(
+        tmp_path / "demo.csv", "clip,split,sha256,description",
+        *[(name, "train", digest(text.encode()), "d") for name, text in texts.items()],
+    )  # fmt: skip
+    calls = []
+
+    def download(folder):
+        calls.append(folder)
+        return write(folder / path.name, path.read_bytes())
+
+    return download, digest(path.read_bytes()), tmp_path / "demo.csv", calls
+
+
+def test_the_demo_keeps_its_texts_and_nothing_else(tmp_path, wheel):
+    download, sha256, manifest, calls = wheel
+    cache = tmp_path / "a" / "cache"
+    found = sources.demo(manifest, cache, download, sha256)
+    assert [(s.clip, s.split, s.fps) for s in found.clips] == [
+        ("hop", "train", None), ("wave", "train", None)]  # fmt: skip
+    assert sorted(os.listdir(cache)) == ["hop.txt", "wave.txt"]
+    assert len(read_clip(found.clips[1].path).points) == 3
+    assert sources.demo(manifest, cache, download, sha256) == found and len(calls) == 1
+    (cache / "hop.txt").write_text("{}")
+    sources.demo(manifest, cache, download, sha256)
+    assert len(calls) == 2 and len(read_clip(cache / "hop.txt").points) == 2
+
+
+def test_another_wheel_is_refused(tmp_path, wheel):
+    download, _, manifest, _ = wheel
+    with pytest.raises(FetchError, match="pybullet.whl: sha256 is .* wanted 5d858abf"):
+        sources.demo(manifest, tmp_path / "cache", download)
+    assert os.listdir(tmp_path / "cache") == []
+
+
+def test_a_wheel_without_a_clip_or_with_another_one_is_refused(tmp_path, wheel):
+    download, sha256, manifest, _ = wheel
+    text = manifest.read_text()
+    manifest.write_text(text.replace("hop", "leap"))
+    with pytest.raises(FetchError, match="humanoid3d_leap.txt"):
+        sources.demo(manifest, tmp_path / "cache", download, sha256)
+    manifest.write_text(re.sub(r"hop,train,.{64}", "hop,train," + "0" * 64, text))
+    with pytest.raises(FetchError, match="humanoid3d_hop.txt: sha256 is .* wanted 0000"):
+        sources.demo(manifest, tmp_path / "cache", download, sha256)
+
+
+@contextmanager
+def pip_that(monkeypatch, status, writes=()):
+    calls = []
+
+    def run(command, check):
+        calls.append(command)
+        for name in writes:
+            write(Path(command[command.index("-d") + 1]) / name, b"wheel")
+        return subprocess.CompletedProcess(command, status)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    yield calls
+
+
+def test_pip_is_asked_for_one_wheel_of_a_fixed_platform_with_the_users_options(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("PIP_ARGS", "--no-index --find-links 'my wheels'")
+    with pip_that(monkeypatch, 0, ["pybullet-3.2.7-x.whl"]) as calls:
+        assert sources.pip_wheel(tmp_path).name == "pybullet-3.2.7-x.whl"
+    [command] = calls
+    assert command[:5] == [sys.executable, "-m", "pip", "download", "pybullet==3.2.7"]
+    assert command[-3:] == ["--no-index", "--find-links", "my wheels"]
+    assert not any("://" in word for word in command)
+
+
+@pytest.mark.parametrize(("status", "files"), [(1, []), (0, [])])
+def test_a_pip_that_fails_is_reported_with_what_to_do(tmp_path, monkeypatch, status, files):
+    with pip_that(monkeypatch, status, files):
+        with pytest.raises(FetchError, match=f"status {status}; .*PIP_ARGS"):
+            sources.pip_wheel(tmp_path)
+
+
+# --- a folder of one's own --------------------------------------------------------------------
+
+
+@pytest.fixture
+def own(tmp_path):
+    root = tmp_path / "own"
+    write(root / "train" / "b" / "wave.bvh", bvh([ROW]))
+    write(root / "train" / "a.json.gz", deepmimic({}))
+    write(root / "train" / "me.asf", asf())
+    write(root / "train" / "me_01.amc", amc({}))
+    write(root / "train" / "README.txt", "notes")
+    write(root / "train" / ".DS_Store", b"\0")
+    write(root / "test" / "kick.bvh.gz", bvh([ROW]))
+    return root
+
+
+def test_a_folder_lists_its_clips_in_order_and_what_it_ignored(own):
+    found = sources.folder(own)
+    assert [(s.clip, s.split) for s in found.clips] == [
+        ("a", "train"), ("b/wave", "train"), ("me_01", "train"), ("kick", "test")]  # fmt: skip
+    assert found.left_out == [
+        "train/.DS_Store: not a motion file", "train/README.txt: not a motion file"]  # fmt: skip
+    assert all(len(read_clip(s.path, s.fps).points) == 1 for s in found.clips)
+    write(own / "heldout" / "z.bvh", bvh([ROW]))
+    assert sources.folder(own).clips[-1].split == "heldout"
+
+
+def test_a_table_of_rates_overrides_the_files(own):
+    table(own / "fps.csv", "clip,fps", ("b/wave", 25), ("kick", "59.94"))
+    assert [s.fps for s in sources.folder(own).clips] == [None, 25.0, None, 59.94]
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        (("b/wav", 25), "no clip is called 'b/wav'; did you mean b/wave?"),
+        (("kick", "fast"), "fps of kick must be a frame rate, got 'fast'"),
+        (("kick", "nan"), "fps of kick must be a frame rate, got 'nan'"),
+        (("kick", "0"), "fps of kick must be a frame rate, got '0'"),
+    ],
+)
+def test_a_faulty_table_of_rates_is_refused(own, row, why):
+    table(own / "fps.csv", "clip,fps", row)
+    with pytest.raises(ClipError, match=re.escape(why)):
+        sources.folder(own)
+
+
+def test_a_clip_in_two_splits_is_refused(own):
+    write(own / "test" / "a.bvh", bvh([ROW]))
+    with pytest.raises(ClipError, match="a.bvh: a is also .*train/a.json.gz; rename one"):
+        sources.folder(own)
+
+
+@pytest.mark.parametrize("split", ["train", "test", "heldout"])
+def test_an_empty_split_is_refused(own, split):
+    (own / split).rename(own / "away") if (own / split).exists() else None
+    with pytest.raises(ClipError, match=f"{split}: no motion file"):
+        (own / split).mkdir()
+        sources.folder(own)
+    (own / split).rmdir()
+    if split != "heldout":
+        with pytest.raises(ClipError, match=f"{split}: no motion file"):
+            sources.folder(own)
+
+
+# --- the lists that come with the project -----------------------------------------------------
+
+
+def test_the_projects_lists_hold_the_clips_they_promise(tmp_path):
+    rows = list(csv.DictReader((CLIPS / "cmu" / "manifest.csv").read_text().splitlines()))
+    count = {split: sum(r["split"] == split for r in rows) for split in sources.SPLITS}
+    assert count == {"train": 10, "test": 27, "heldout": 17}
+    assert {r["trial"]: r["fps"] for r in rows}["79_51"] == "60"
+    rows = list(csv.DictReader((CLIPS / "demo" / "manifest.csv").read_text().splitlines()))
+    assert [sum(r["split"] == s for r in rows) for s in ("train", "test")] == [10, 5]
+    with pytest.raises(FetchError, match="54 of 54 trials cannot be had"):
+        sources.cmu(CLIPS / "cmu" / "manifest.csv", tmp_path, tmp_path)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the real clips beside the project")
+def test_the_projects_training_trials_are_the_files_listed(tmp_path):
+    manifest = CLIPS / "cmu" / "manifest.csv"
+    found = sources.cmu(manifest, tmp_path, SHARED / "cmu", splits=("train", "heldout"))
+    assert len(found.clips) == 27 and found.left_out == []
