@@ -26,9 +26,7 @@ class Params:
 def main() -> None:
     """Find the clips, read them all, write their joint positions."""
     params = read(Params)
-    found = clips.find(
-        params.clips, CLIPS, CACHE, params.clips_mirror, params.clips_missing
-    )
+    found = clips.find(params.clips, CLIPS, CACHE, params.clips_mirror, params.clips_missing)
     for line in found.left_out:
         say(f"left out: {line}")
     with bar(len(found.clips), "reading clips") as progress:

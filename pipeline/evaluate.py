@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import comparison, harvest, machine, methods, store
+from s3le import comparison, machine, methods, splits, store
 from s3le.index import METRICS
-from s3le.tables.poses import ground_truth, index, retargeted
+from s3le.tables.ground_truth import ground_truth
+from s3le.tables.index import index
+from s3le.tables.retargeted import retargeted
 from s3le.tables.skeletons import SKELETONS
 
 ROBOT = Path("data/robot")
@@ -40,7 +42,7 @@ def main(name: str) -> None:
             index(n_dof, robot.margin, store.width(stored, "z", "index")), stored, robot.tag
         )
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
-    with bar(2 * len(harvest.test_rows(frames)), name) as progress:
+    with bar(2 * len(splits.test_rows(frames)), name) as progress:
         columns, figures = comparison.answer(
             robot, name, entry, frames, truth, pool, model, params.metric, progress
         )

@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import launch
-from s3le import comparison, machine, methods, store
-from s3le.tables.pairs import kinematic_pairs, mocap_pairs
-from s3le.tables.poses import index, robot_poses
+from s3le import machine, methods, pool, store
+from s3le.tables.index import index
+from s3le.tables.kinematic_pairs import kinematic_pairs
+from s3le.tables.mocap_pairs import mocap_pairs
+from s3le.tables.robot_poses import robot_poses
 
 ROBOT = Path("data/robot")
 DATA = Path("data")
@@ -31,11 +33,11 @@ def main(name: str) -> None:
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
     tables = {
-        pool: store.read(TABLES[pool](n_dof, robot.margin), DATA / f"{pool}.parquet", robot.tag)
-        for pool in entry.pool
+        part: store.read(TABLES[part](n_dof, robot.margin), DATA / f"{part}.parquet", robot.tag)
+        for part in entry.pool
     }
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
-    columns, latent = comparison.stored(robot, entry, tables, model)
+    columns, latent = pool.stored(robot, entry, tables, model)
     table = index(n_dof, robot.margin, latent)
     store.write(columns, table, DATA / f"index-{name}.parquet", robot.tag)
 

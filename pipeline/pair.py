@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import harvest, machine, store
-from s3le.tables.pairs import mocap_pairs
+from s3le import machine, pairing, splits, store
+from s3le.tables.mocap_pairs import mocap_pairs
 from s3le.tables.skeletons import SKELETONS
 
 ROBOT = Path("data/robot")
@@ -29,9 +29,9 @@ def main() -> None:
     params = read(Params)
     robot = machine.read(ROBOT)
     frames = store.read(SKELETONS, SKELETON_ROWS)
-    count = len(harvest.train_rows(frames, params.rows))
+    count = len(splits.train_rows(frames, params.rows))
     with bar(2 * count, "mocap pairs") as progress:
-        columns, counts = harvest.pair(robot, frames, count, params.ridge, progress)
+        columns, counts = pairing.pair(robot, frames, count, params.ridge, progress)
     table = mocap_pairs(robot.robot.n_dof, robot.margin)
     store.write(columns, table, OUT, robot.tag)
     store.write_json(counts, COUNTS)

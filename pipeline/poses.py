@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import harvest, machine, rng, store
-from s3le.tables.poses import robot_poses
+from s3le import machine, rng, sampling, store
+from s3le.tables.robot_poses import robot_poses
 
 ROBOT = Path("data/robot")
 OUT = Path("data/robot_poses.parquet")
@@ -28,7 +28,7 @@ def main() -> None:
     robot = machine.read(ROBOT)
     stream = rng.stream(params.seed, Params.section)
     with bar(2 * params.rows, "robot poses") as progress:
-        columns, counts = harvest.feasible(robot, params.rows, stream, progress)
+        columns, counts = sampling.robot_poses(robot, params.rows, stream, progress)
     store.write(columns, robot_poses(robot.robot.n_dof, robot.margin), OUT, robot.tag)
     store.write_json(counts, COUNTS)
 

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import harvest, machine, rng, store
-from s3le.tables.pairs import kinematic_pairs
+from s3le import machine, rng, sampling, store
+from s3le.tables.kinematic_pairs import kinematic_pairs
 
 ROBOT = Path("data/robot")
 OUT = Path("data/kinematic_pairs.parquet")
@@ -30,7 +30,7 @@ def main() -> None:
     robot = machine.read(ROBOT)
     stream = rng.stream(params.seed, Params.section)
     with bar(2 * params.rows, "kinematic pairs") as progress:
-        columns, counts = harvest.sample(
+        columns, counts = sampling.kinematic_pairs(
             robot, params.rows, params.alpha, params.renormalise_mix, stream, progress
         )
     table = kinematic_pairs(robot.robot.n_dof, robot.margin)

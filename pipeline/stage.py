@@ -63,7 +63,9 @@ def read(params: type, path: Path = PARAMS) -> Any:
     own = [f.name for f in fields(params) if not f.metadata["shared"]]
     section = tree.get(params.section, {}) if own else {}
     if not isinstance(section, dict):
-        raise ParameterError(f"{path}: section '{params.section}' must be a mapping, got {section!r}")
+        raise ParameterError(
+            f"{path}: '{params.section}' must be a mapping, got {section!r}"
+        )
     for key in section.keys() - set(own):
         near = get_close_matches(str(key), own, n=1)
         hint = f"; did you mean {near[0]}?" if near else f"; it has: {', '.join(own)}"
@@ -102,6 +104,19 @@ def bar(total: int, what: str) -> Iterator[Callable[[int], object]]:
     """A progress bar; yields the function to call with numbers of rows done."""
     with tqdm(total=total, desc=what, unit=" rows", unit_scale=True, file=sys.stderr) as shown:
         yield shown.update
+
+
+@contextmanager
+def steps_bar(total: int, what: str) -> Iterator[Callable[[int, int, dict[str, float]], None]]:
+    """A progress bar for a training; yields what takes (steps done, of all, loss terms)."""
+    with tqdm(total=total, desc=what, unit=" steps", file=sys.stderr, mininterval=1) as shown:
+
+        def on_step(done: int, _: int, terms: dict[str, float]) -> None:
+            shown.update(done - shown.n)
+            if done % 50 == 0:
+                shown.set_postfix({name: f"{value:.3g}" for name, value in terms.items()})
+
+        yield on_step
 
 
 def say(line: str) -> None:

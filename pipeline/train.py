@@ -1,19 +1,22 @@
-"""Stage `train@METHOD`: tuples and domain data -> data/model-METHOD.safetensors."""
+"""Stage `train@METHOD`: tuples and domain data -> data/model-METHOD.safetensors (Sec. V-B)."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from pipeline.stage import bar, knob, launch, read
+from pipeline.stage import knob, launch, read, steps_bar
 from s3le import learning, machine, store
-from s3le.learning import Training
+from s3le.errors import ParameterError
+from s3le.learning import CHOICES, Training
+from s3le.tables.kinematic_pairs import kinematic_pairs
 from s3le.tables.mocap_domain import MOCAP_DOMAIN
-from s3le.tables.pairs import kinematic_pairs, mocap_pairs
-from s3le.tables.poses import robot_poses
+from s3le.tables.mocap_pairs import mocap_pairs
+from s3le.tables.robot_poses import robot_poses
 
 ROBOT = Path("data/robot")
 DATA = Path("data")
-REPORTS = Path("reports/training")
+CHECKPOINTS = Path("data/checkpoints")
+CURVES = Path("reports/training")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,15 +25,95 @@ class Params:
 
     section: ClassVar[str] = "train"
     beta: float = knob("weight of latent prior fitting [-]", at_least=0, shared=True)
-    seed: int = knob("root of the trainings' random streams", at_least=0)
+    seed: int = knob("root of the trainings' own random streams", at_least=0)
+    latent: int = knob("dimension of Z", at_least=1, at_most=4096)
+    hidden: int = knob("units of a hidden layer", at_least=1, at_most=8192)
+    layers: int = knob("hidden layers", at_least=1, at_most=16)
+    learning_rate: float = knob("of encoders and decoders", at_least=1e-9, at_most=1)
+    schedule: str = knob("of both learning rates", one_of=CHOICES["schedule"])
+    warm_up: int = knob("steps of linear rise", at_least=0)
+    weight_decay: float = knob("decoupled", at_least=0, at_most=1)
+    prior: str = knob("latent prior", one_of=CHOICES["prior"])
+    adversary_rate: float = knob("learning rate of the discriminators", at_least=1e-9, at_most=1)
+    precision: str = knob("of matrix products", one_of=CHOICES["precision"])
+    checkpoint_every: int = knob("steps between checkpoints; 0: none", at_least=0)
+    history_every: int = knob("steps averaged into one point of a curve", at_least=1)
 
 
-PARAMS = {"s3le": Params}
+@dataclass(frozen=True, kw_only=True)
+class _Own:
+    """What every method sets for itself."""
+
+    steps: int = knob("optimiser steps", at_least=1)
+    batch_pairs: int = knob("mocap tuples a step", at_least=1)
+    batch_domain: int = knob("rows a step of each domain's own data", at_least=1)
+    weight_recon_x: float = knob("weight of c in X", at_least=0)
+    weight_recon_q: float = knob("weight of c in Y", at_least=0)
+    weight_consensus: float = knob("weight of the latent consensus", at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Wasserstein(_Own):
+    """What the two methods with Wasserstein autoencoders set."""
+
+    prior_fit: str = knob("how the prior is fitted", one_of=CHOICES["prior_fit"])
+    consensus_kind: str = knob("form of the consensus", one_of=CHOICES["consensus_kind"])
+    reconstruct: str = knob("what x~ decodes to", one_of=CHOICES["reconstruct"])
+    mixup: bool = knob("use x' among the pairs")
+    weight_x_to_q: float = knob("weight of decoding x~ to q-bar; not in the paper", at_least=0)
+    weight_q_to_x: float = knob("weight of decoding q-bar to x-bar; not in the paper", at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class S3le(_Wasserstein):
+    """What S3LE alone sets."""
+
+    section: ClassVar[str] = "s3le"
+    tau: float = knob("temperature of NT-Xent [-]", at_least=1e-6, shared=True)
+    batch: int = knob("kinematic tuples a step", at_least=1)
+    weight_nt_xent: float = knob("weight of NT-Xent", at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lwl2(_Wasserstein):
+    """What LWL2 sets: no kinematic tuples, no contrast."""
+
+    section: ClassVar[str] = "lwl2"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ale(_Own):
+    """What ALE sets: two variational autoencoders with one latent space."""
+
+    section: ClassVar[str] = "ale"
+
+
+METHODS = {"s3le": S3le, "lwl2": Lwl2, "ale": Ale}
 
 
 def main(method: str) -> None:
     """Train one method: s3le, lwl2 or ale."""
-    raise NotImplementedError
+    if method not in METHODS:
+        raise ParameterError(f"no training '{method}'; there are: {', '.join(METHODS)}")
+    hyper = Training(**asdict(read(Params)) | asdict(read(METHODS[method])))
+    robot = machine.read(ROBOT)
+    n_dof, margin = robot.robot.n_dof, robot.margin
+    sampled = None
+    if method == "s3le":
+        table = kinematic_pairs(n_dof, margin)
+        sampled = store.read(table, DATA / "kinematic_pairs.parquet", robot.tag)
+    data = learning.gather(
+        robot,
+        store.read(mocap_pairs(n_dof, margin), DATA / "mocap_pairs.parquet", robot.tag),
+        store.read(robot_poses(n_dof, margin), DATA / "robot_poses.parquet", robot.tag),
+        store.read(MOCAP_DOMAIN, DATA / "mocap_domain.parquet"),
+        sampled,
+    )
+    out = DATA / f"model-{method}.safetensors"
+    checkpoint = CHECKPOINTS / f"{method}.safetensors"
+    with steps_bar(hyper.steps, f"training {method}") as on_step:
+        trained = learning.learn(robot, method, data, hyper, out, checkpoint, on_step)
+    store.write_csv(trained.history, CURVES / f"{method}.csv")
 
 
 if __name__ == "__main__":

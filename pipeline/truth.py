@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import harvest, machine, rng, store
-from s3le.tables.poses import ground_truth
+from s3le import machine, rng, splits, store, truth
+from s3le.tables.ground_truth import ground_truth
 from s3le.tables.skeletons import SKELETONS
 
 ROBOT = Path("data/robot")
@@ -30,8 +30,8 @@ def main() -> None:
     robot = machine.read(ROBOT)
     frames = store.read(SKELETONS, SKELETON_ROWS)
     stream = rng.stream(params.seed, Params.section)
-    with bar(2 * len(harvest.test_rows(frames)), "ground truth") as progress:
-        columns = harvest.truth(robot, frames, params.starts, params.ridge, stream, progress)
+    with bar(2 * len(splits.test_rows(frames)), "ground truth") as progress:
+        columns = truth.ground_truth(robot, frames, params.starts, params.ridge, stream, progress)
     store.write(columns, ground_truth(robot.robot.n_dof, robot.margin), OUT, robot.tag)
 
 

@@ -1,11 +1,10 @@
-"""What a row of the comparison stores and answers, from tables to tables."""
+"""What a row of the comparison answers for every test frame, checked and scored."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from s3le import artifact, harvest, index
+from s3le import artifact, index
 from s3le.errors import TableError
 from s3le.evaluation import score, summary
 from s3le.kernels import batch
@@ -13,57 +12,9 @@ from s3le.kernels.batch import Progress
 from s3le.machine import Machine
 from s3le.methods import Entry
 from s3le.robot.certificate import Report
+from s3le.splits import test_rows
 
 Columns = dict[str, np.ndarray]
-_POSE = {"mocap_pairs": ("q_feasible", "x_feasible"), "kinematic_pairs": ("q_feasible", "x_feasible")}
-
-
-def stored(
-    machine: Machine, entry: Entry, tables: Mapping[str, Columns], model: Path | None
-) -> tuple[Columns, int]:
-    """Columns of table index: every pose of the entry's pool with its latent.
-
-    The latent of an entry without a model is the pose's skeleton itself.
-
-    Args:
-        machine: the robot.
-        entry: the row of the comparison.
-        tables: columns of the tables in entry.pool, by name.
-        model: the trained model's file; None for an entry without one.
-
-    Returns:
-        Pair (columns, length of a latent).
-
-    Raises:
-        ModelError: the model is missing, damaged, or of another robot.
-    """
-    parts = []
-    for name in entry.pool:
-        q, x = _POSE.get(name, ("q", "x"))
-        rows = tables[name]
-        n = len(rows[q])
-        parts.append(
-            {
-                "source": np.full(n, name),
-                "source_row": np.arange(n, dtype=np.int32),
-                "q": rows[q],
-                "x": rows[x],
-                "clearance": rows["clearance"],
-                "limit_margin": rows["limit_margin"],
-            }
-        )
-    pool = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-    z = pool["x"]
-    if entry.model:
-        net, _ = artifact.load_model(model, method=entry.model, robot_hash=machine.tag)
-        z = artifact.encode_q(net, pool["q"])
-    columns = {
-        "row": np.arange(len(z), dtype=np.int32),
-        "source": pool["source"],
-        "source_row": pool["source_row"],
-        "z": np.asarray(z, np.float32),
-    } | {key: pool[key] for key in ("q", "x", "clearance", "limit_margin")}
-    return columns, z.shape[1]
 
 
 def answer(
@@ -96,7 +47,7 @@ def answer(
         TableError: truth and frames do not match row by row.
         CertificateError: a stored pose turns out not to be feasible.
     """
-    rows = harvest.test_rows(frames)
+    rows = test_rows(frames)
     for column in ("clip", "frame"):
         if not np.array_equal(frames[column][rows], truth[column]):
             raise TableError("ground_truth and skeletons hold different frames; dvc repro truth")

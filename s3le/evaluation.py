@@ -21,9 +21,7 @@ def score(x: np.ndarray, truth: np.ndarray, human: np.ndarray) -> Scored:
     return Scored(cosine_distance(x, truth), cosine_distance(x, human))
 
 
-def summary(
-    clips: Sequence[str], scored: Scored, report: Report, margin: float
-) -> dict[str, dict]:
+def summary(clips: Sequence[str], scored: Scored, report: Report, margin: float) -> dict[str, dict]:
     """Figures over one split: over all frames, and per motion.
 
     Args:

@@ -24,7 +24,7 @@ def look_up(
         Pair (row, distance): int64 (m,) and float64 (m,).
 
     Raises:
-        ParameterError: unknown metric, nothing stored, or vectors of different length or not finite.
+        ParameterError: unknown metric, nothing stored, or vectors of another length or not finite.
     """
     if metric not in METRICS:
         raise ParameterError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")

@@ -2,14 +2,15 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from s3le import artifact, training
 from s3le.batches import TrainingData, Tuples
 from s3le.machine import Machine
-from s3le.training import Trained, Training
+from s3le.training import CHOICES, Trained, Training
+
+__all__ = ["CHOICES", "Training", "gather", "learn"]
 
 Columns = Mapping[str, np.ndarray]
 

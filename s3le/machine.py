@@ -70,7 +70,7 @@ def make(robot_file: Path, margin: float, neck: str) -> Machine:
     if not report.clearance[0] >= margin:
         raise RobotError(
             f"robot {robot.name}: at the anchor {machine.pair_name(int(report.pair[0]))} are "
-            f"{report.clearance[0] * 1e3:.2f} mm apart, less than the margin of {margin * 1e3:g} mm; "
+            f"{report.clearance[0] * 1e3:.2f} mm apart, the margin is {margin * 1e3:g} mm; "
             "give another anchor or a smaller margin"
         )
     return machine
@@ -87,7 +87,14 @@ def write(machine: Machine, folder: Path) -> None:
     store.write_json({"margin": machine.margin, "neck": machine.neck}, folder / SETTINGS)
     bodies = machine.robot.bodies
     rows = [
-        (bodies[p.a].name, bodies[p.b].name, p.kind, p.reason == pairs.WATCHED, p.reason, p.clearance)
+        (
+            bodies[p.a].name,
+            bodies[p.b].name,
+            p.kind,
+            p.reason == pairs.WATCHED,
+            p.reason,
+            p.clearance,
+        )
         for p in machine.pairs
     ]
     columns = dict(zip(ROBOT_PAIRS.columns, map(np.array, zip(*rows, strict=True)), strict=True))

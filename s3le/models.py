@@ -14,6 +14,8 @@ from torch import Tensor, nn
 
 from s3le.errors import ModelError
 
+FIRST_GAIN = 3.0  # of the first layer's weights: small ones leave tanh linear, FK is learnt late
+
 METHODS = ("s3le", "lwl2", "ale")  # the paper's method and its two baselines (Sec. V-B)
 
 
@@ -37,14 +39,16 @@ class Sizes:
 def mlp(n_in: int, n_out: int, hidden: int, layers: int, generator: torch.Generator) -> nn.Module:
     """Fully connected net: `layers` hidden layers of `hidden` tanh units, then a linear one.
 
-    Weights start Xavier-uniform, biases at zero, drawn from the given generator alone.
+    Weights start Xavier-uniform (the first layer's FIRST_GAIN times as wide), biases at zero,
+    drawn from the given generator alone.
     Source: Sec. V-B (three hidden layers of 512 units, tanh).
     """
     widths = [n_in] + [hidden] * layers + [n_out]
     net = nn.Sequential()
     for i, (fan_in, fan_out) in enumerate(zip(widths[:-1], widths[1:], strict=True)):
         linear = nn.utils.skip_init(nn.Linear, fan_in, fan_out)  # leaves the global RNG alone
-        nn.init.xavier_uniform_(linear.weight, generator=generator)
+        gain = FIRST_GAIN if i == 0 else 1.0
+        nn.init.xavier_uniform_(linear.weight, gain, generator=generator)
         nn.init.zeros_(linear.bias)
         net.append(linear)
         if i < layers:

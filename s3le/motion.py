@@ -41,7 +41,12 @@ def skeletons(points: np.ndarray, neck: str, tilt_max: float) -> Kept:
         upright = np.arccos(np.clip(x[:, 2], -1.0, 1.0)) <= tilt_max
     dropped = {}
     left = np.ones(len(points), bool)
-    causes = (("not_finite", finite), ("pelvis", has_heading), ("bone", has_bones), ("tilt", upright))
+    causes = (
+        ("not_finite", finite),
+        ("pelvis", has_heading),
+        ("bone", has_bones),
+        ("tilt", upright),
+    )
     for cause, good in causes:
         dropped[cause] = int((left & ~good).sum())
         left &= good
@@ -58,7 +63,12 @@ class Domain(NamedTuple):
 
 
 def domain(
-    points: np.ndarray, neck: str, tilt_max: float, count: int, noise: float, rng: np.random.Generator
+    points: np.ndarray,
+    neck: str,
+    tilt_max: float,
+    count: int,
+    noise: float,
+    rng: np.random.Generator,
 ) -> Domain:
     """Up to `count` human skeletons: recorded frames, their mirror images, then noisy copies.
 

@@ -8,10 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from s3le.certified import Columns, certificate, projection_counts
 from s3le.errors import ParameterError, RobotError
 from s3le.kernels import batch
 from s3le.kernels.batch import Progress
 from s3le.machine import Machine
+from s3le.tables.tuples import HOW
 
 
 class Tuples(NamedTuple):
@@ -128,7 +130,7 @@ def draw_feasible(
         drawn += len(q)
         if drawn >= 100_000 and (have + len(good)) < drawn / 10_000:
             raise RobotError(
-                f"robot {robot.name}: only {have + len(good)} of {drawn} random poses are feasible; "
+                f"robot {robot.name}: only {have + len(good)} of {drawn} random poses feasible; "
                 "look at its watched pairs (data/robot/pairs.parquet)"
             )
         if progress:
@@ -136,3 +138,49 @@ def draw_feasible(
         kept.append(good)
         have += len(good)
     return np.concatenate(kept)[:count], have / drawn
+
+
+def kinematic_pairs(
+    machine: Machine,
+    count: int,
+    alpha: float,
+    renormalise: bool,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> tuple[Columns, dict]:
+    """Columns of table kinematic_pairs and counts for the metrics; see draw_tuples.
+
+    Raises:
+        CertificateError: a projected pose is not feasible.
+    """
+    drawn = draw_tuples(machine, count, alpha, renormalise, rng, progress)
+    columns = {
+        "row": np.arange(count, dtype=np.int32),
+        "mix": drawn.mix,
+        "x_mixed": drawn.x_mixed,
+        "x_relaxed": drawn.x_relaxed,
+        "x_feasible": drawn.x_feasible,
+        "q_relaxed": drawn.q_relaxed,
+        "q_feasible": drawn.q_feasible,
+        "projection": np.array(HOW)[drawn.how],
+    } | certificate(machine, drawn.q_feasible, progress)
+    projected = batch.Projection(drawn.q_feasible, drawn.how)
+    counts = {"rows": count, "alpha": alpha}
+    return columns, counts | projection_counts(machine, drawn.q_relaxed, projected)
+
+
+def robot_poses(
+    machine: Machine, count: int, rng: np.random.Generator, progress: Progress | None = None
+) -> tuple[Columns, dict]:
+    """Columns of table robot_poses and counts; see draw_feasible.
+
+    Raises:
+        CertificateError: a pose is not feasible by the independent check.
+    """
+    q, share = draw_feasible(machine, count, rng, progress)
+    columns = {
+        "row": np.arange(count, dtype=np.int32),
+        "q": q,
+        "x": batch.skeletons(machine.chain, q),
+    } | certificate(machine, q, progress)
+    return columns, {"rows": count, "accepted_share": share}

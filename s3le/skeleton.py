@@ -34,8 +34,13 @@ DIM = 3 * len(BONES)  # x lives in R^21
 NECKS = ("midpoint", "joint")  # where the neck is: between the shoulders, or the file's own joint
 
 _INDEX = {name: i for i, name in enumerate(POINTS)}
-_TAIL = [_INDEX[p] for p in ("hip", "neck", "r_shoulder", "r_elbow", "neck", "l_shoulder", "l_elbow")]
-_HEAD = [_INDEX[p] for p in ("neck", "r_shoulder", "r_elbow", "r_hand", "l_shoulder", "l_elbow", "l_hand")]
+_TAIL = [
+    _INDEX[p] for p in ("hip", "neck", "r_shoulder", "r_elbow", "neck", "l_shoulder", "l_elbow")
+]
+_HEAD = [
+    _INDEX[p]
+    for p in ("neck", "r_shoulder", "r_elbow", "r_hand", "l_shoulder", "l_elbow", "l_hand")
+]
 _MIRRORED_POINT = [0, 2, 1, 3, 7, 8, 9, 4, 5, 6]
 _MIRRORED_BONE = [0, 4, 5, 6, 1, 2, 3]
 _FLIP_Y = np.array([1.0, -1.0, 1.0])

@@ -158,6 +158,31 @@ def write_text(text: str, path: Path) -> None:
     replace(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
+def write_csv(rows: list[Mapping], path: Path) -> None:
+    """Write rows with the same keys as CSV, whole or not at all.
+
+    Raises:
+        TableError: there is no row.
+    """
+    if not rows:
+        raise TableError(f"{path}: no rows to write")
+    replace(path, lambda part: pl.DataFrame(rows).write_csv(part))
+
+
+def read_csv(path: Path, stage: str) -> list[dict]:
+    """Read rows that a stage wrote.
+
+    Raises:
+        TableError: missing, or no CSV.
+    """
+    try:
+        return pl.read_csv(path).to_dicts()
+    except FileNotFoundError:
+        raise TableError(f"{path} is missing; write it with: dvc repro {stage}") from None
+    except pl.exceptions.PolarsError as error:
+        raise TableError(f"{path} is not CSV ({error}); dvc repro {stage}") from None
+
+
 def replace(path: Path, fill) -> None:
     """Let fill(part) write a file beside path, then put it in path's place in one step."""
     path = Path(path)

@@ -63,6 +63,7 @@ class Training:
     learning_rate: float = 1e-3  # (paper)
     schedule: str = "cosine"  # of both learning rates: warm-up, then to 0; or constant
     warm_up: int = 100  # steps of linear rise, either schedule
+    second_moment: float = 0.95  # decay of Adam's squared gradients; 0.999 learns FK half as fast
     weight_decay: float = 0.0  # decoupled
     beta: float = 1.0  # weight of prior fitting (paper)
     tau: float = 1.0  # temperature of NT-Xent (paper)
@@ -233,7 +234,8 @@ class _State:
         named = dict(model.named_parameters())
         judges = [k for k in named if k.startswith("discriminator")]
         own = [k for k in named if k not in judges]
-        kw = {"weight_decay": hyper.weight_decay, "fused": True}
+        betas = (0.9, hyper.second_moment)
+        kw = {"betas": betas, "weight_decay": hyper.weight_decay, "fused": True}
         self.groups = [(own, hyper.learning_rate)]
         if judges:
             self.groups.append((judges, hyper.adversary_rate))

@@ -1,5 +1,6 @@
 """Small clips by hand, and a hundred ways to break a file; shared by the readers' tests."""
 
+import csv
 import gzip
 import json
 import random
@@ -175,3 +176,11 @@ def broken(data: bytes, count: int, seed: int) -> list[bytes]:
             copy = copy or bytearray(b" ")
         copies.append(bytes(copy))
     return copies
+
+
+def table(path: Path, columns: str, *rows: tuple) -> Path:
+    """A CSV with these columns, comma-separated."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as stream:
+        csv.writer(stream).writerows([columns.split(","), *rows])
+    return path

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from s3le.errors import ClipError, ParameterError
 from s3le.mocap import amc as reader
 from s3le.mocap.amc import cmu_rate, read_amc, read_asf
-from s3le.skeleton import POINTS
+from s3le.skeleton import POINTS, face_forward, features
 
 REST = {  # x forward, y left, z up [m]
     "hip": (3, 1, 2), "r_pelvis": (3, 0.9, 2), "l_pelvis": (3, 1.1, 2), "neck": (3, 1, 2.5),
@@ -279,4 +279,7 @@ def test_real_clips_agree_with_an_independent_reader():
             places = np.array(want["joint_pos_asf_units"][bone])[:, [2, 0, 1]] / 0.45 * 0.0254
             ours = clip.points[want["frames0"], POINTS.index(point)]
             assert np.allclose(ours, places, rtol=0, atol=1e-6)  # [m]
+        x, _ = features(face_forward(clip.points)[0])
+        want = np.array(want["unit_vectors_mid_neck"])
+        assert np.allclose(x[golden[trial]["frames0"]], want.reshape(-1, 21), rtol=0, atol=1e-6)
     assert checked >= 2

@@ -218,6 +218,26 @@ def test_two_joints_of_one_name_are_refused(tmp_path):
         one(tmp_path, bvh([ZERO]).replace("LeftShoulder", "LeftArm"))
 
 
+def test_a_bandai_namco_file_has_positions_on_every_joint(tmp_path):
+    arms = ("Shoulder_{}", "UpperArm_{}", "LowerArm_{}", "Hand_{}")
+    text = bvh([ZERO], arms=arms, order="ZXY")
+    for old, new in (("Right", "R"), ("Left", "L")):
+        text = text.replace(f"_{old}", f"_{new}").replace(f"{old}UpLeg", f"UpperLeg_{new}")
+    text = text.replace("ROOT Hips\n{\nOFFSET 0 0 0", "ROOT Hips\n{\nOFFSET 8 8 8", 1)
+    root = "ROOT joint_Root\n{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition "
+    root += "Zrotation Xrotation Yrotation\nJOINT Hips"
+    text = text.replace("ROOT Hips", root).replace("}\nMOTION", "}\n}\nMOTION")
+    fore = "LowerArm_L\n{\nOFFSET 0.3 0 0\nCHANNELS 3"
+    text = text.replace(fore, fore[:-1] + "6 Xposition Yposition Zposition")
+    text = text.rstrip("\n").rsplit("\n", 1)[0] + "\n"
+    rows = [0, 0, 0, 0, 0, 90] + [0, 1, 0, 0, 0, 0] + [0, 0, 0] + [0.4, 0, 0, 0, 0, 0]
+    clip = one(tmp_path, text + " ".join(map(str, rows)))
+    assert at(clip, 0, "hip") == pytest.approx((0, 0, 1))  # the channels, not OFFSET 8 8 8
+    # Ry(90) of the root takes file x to -z: the left arm points back.
+    assert at(clip, 0, "l_elbow") == pytest.approx((-0.6, 0, 1.5))
+    assert at(clip, 0, "l_hand") == pytest.approx((-0.85, 0, 1.5))
+
+
 def test_an_elbow_that_does_not_hang_on_its_shoulder_is_refused(tmp_path):
     text = bvh([ZERO]).replace("LeftArm", "X").replace("RightArm", "LeftArm").replace(
         "X\n", "RightArm\n")

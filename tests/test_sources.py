@@ -1,24 +1,21 @@
-import csv
 import gzip
 import hashlib
 import os
 import re
 import subprocess
 import sys
-import threading
 import zipfile
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
-from handmade import SHARED, amc, asf, bvh, deepmimic, write
+from handmade import amc, asf, bvh, deepmimic, table, write
+from webserver import serving
 
 from s3le.errors import ClipError, FetchError, ParameterError
 from s3le.mocap import fetch, sources
 from s3le.mocap.read import read_clip
 
-CLIPS = Path(__file__).parents[1] / "data" / "clips"
 ROW = [0.0] * 12
 ASF, AMC = asf().encode(), amc({}, {}, {}).encode()
 FAST = {"tries": 3, "wait": 0.01, "timeout": 5.0}
@@ -28,169 +25,15 @@ def digest(data):
     return hashlib.sha256(data).hexdigest()
 
 
-def table(path, columns, *rows):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as stream:
-        csv.writer(stream).writerows([columns.split(","), *rows])
-    return path
-
-
-# --- HTTP -------------------------------------------------------------------------------------
-
-
-class Server:
-    """Files by path, how to misbehave, and what was asked for."""
-
-    def __init__(self):
-        self.files, self.requests = {}, []
-        self.drop_after = []  # bytes to send before hanging up, one for each answer
-        self.status = []  # statuses to answer with, one for each request
-        self.ranges = True
-        self.content_range = None
-        self.lengths = True
+# --- CMU --------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def server(monkeypatch):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
-    state = Server()
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self):  # noqa: N802
-            state.requests.append((self.path, self.headers.get("Range")))
-            status = state.status.pop(0) if state.status else 200
-            body = state.files.get(self.path)
-            if body is None and status == 200:
-                status = 404
-            if status != 200:
-                self.send_error(status)
-                return
-            total, begin = len(body), 0
-            asked = re.fullmatch(r"bytes=(\d+)-", self.headers.get("Range") or "")
-            if asked and state.ranges:
-                begin = int(asked[1])
-                if begin >= total:
-                    self.send_error(416)
-                    return
-                self.send_response(206)
-                span = state.content_range or f"bytes {begin}-{total - 1}/{total}"
-                self.send_header("Content-Range", span)
-            else:
-                self.send_response(200)
-            if state.lengths:
-                self.send_header("Content-Length", str(total - begin))
-            self.end_headers()
-            keep = state.drop_after.pop(0) if state.drop_after else total
-            self.wfile.write(body[begin:][:keep])
-
-        def log_message(self, *_):
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as web:
-        thread = threading.Thread(target=web.serve_forever, args=(0.01,))
-        thread.start()
-        state.base = f"http://127.0.0.1:{web.server_port}"
+    with serving() as state:
         yield state
-        web.shutdown()
-        thread.join()
 
-
-BODY = bytes(range(256)) * 1000
-
-
-def get(server, tmp_path, check=lambda part: "", **kwargs):
-    target = tmp_path / "deep" / "file"
-    fetch.download(f"{server.base}/file", target, check, **(FAST | kwargs))
-    return target
-
-
-def test_a_file_arrives_whole_and_leaves_no_part(server, tmp_path):
-    server.files["/file"] = BODY
-    target = get(server, tmp_path)
-    assert target.read_bytes() == BODY and os.listdir(target.parent) == ["file"]
-
-
-def test_a_dropped_connection_is_resumed_where_it_broke(server, tmp_path):
-    server.files["/file"], server.drop_after = BODY, [100_000, 50_000]
-    assert get(server, tmp_path).read_bytes() == BODY
-    assert [ask for _, ask in server.requests] == [None, "bytes=100000-", "bytes=150000-"]
-
-
-def test_a_later_run_resumes_what_an_earlier_one_left(server, tmp_path):
-    server.files["/file"], server.drop_after = BODY, [1000, 1000, 1000]
-    with pytest.raises(FetchError, match="cut short, 3000 of 256000 bytes .in 3 tries"):
-        get(server, tmp_path)
-    assert os.listdir(tmp_path / "deep") == ["file.part"]
-    assert get(server, tmp_path).read_bytes() == BODY
-    assert server.requests[-1][1] == "bytes=3000-"
-
-
-def test_a_server_that_ignores_ranges_sends_it_all_again(server, tmp_path):
-    server.files["/file"], server.drop_after, server.ranges = BODY, [100_000], False
-    assert get(server, tmp_path).read_bytes() == BODY
-
-
-def test_a_server_that_sends_another_range_is_not_believed(server, tmp_path):
-    server.files["/file"], server.drop_after = BODY, [100_000]
-    server.content_range = "bytes 7-255999/256000"
-    assert get(server, tmp_path).read_bytes() == BODY
-    assert [ask for _, ask in server.requests] == [None, "bytes=100000-", None]
-
-
-def test_a_part_longer_than_the_file_is_thrown_away(server, tmp_path):
-    server.files["/file"] = BODY
-    write(tmp_path / "deep" / "file.part", BODY + b"more")
-    assert get(server, tmp_path).read_bytes() == BODY
-
-
-def test_a_part_of_another_file_does_not_survive_the_check(server, tmp_path):
-    server.files["/file"] = BODY
-    write(tmp_path / "deep" / "file.part", b"x" * 1000)
-    right = get(server, tmp_path, lambda part: "" if part.read_bytes() == BODY else "wrong")
-    assert right.read_bytes() == BODY
-
-
-def test_a_whole_file_that_fails_its_check_is_refused_at_once(server, tmp_path):
-    server.files["/file"] = BODY
-    with pytest.raises(FetchError, match="/file: not what was asked for"):
-        get(server, tmp_path, lambda part: "not what was asked for")
-    assert len(server.requests) == 1 and os.listdir(tmp_path / "deep") == []
-
-
-@pytest.mark.parametrize("status", [500, 503, 429])
-def test_a_passing_trouble_is_tried_again(server, tmp_path, status):
-    server.files["/file"], server.status = BODY, [status, status]
-    assert get(server, tmp_path).read_bytes() == BODY and len(server.requests) == 3
-
-
-@pytest.mark.parametrize("status", [403, 404, 410])
-def test_a_file_that_is_not_there_is_asked_for_once(server, tmp_path, status):
-    server.status = [status]
-    with pytest.raises(fetch.NotThereError, match=f"HTTP status {status}"):
-        get(server, tmp_path)
-    assert len(server.requests) == 1
-
-
-@pytest.mark.parametrize("lengths", [True, False])
-def test_a_file_without_end_is_refused_at_the_limit(server, tmp_path, lengths):
-    server.files["/file"], server.lengths = BODY, lengths
-    with pytest.raises(FetchError, match="more than the 1000"):
-        get(server, tmp_path, limit=1000)
-    assert os.listdir(tmp_path / "deep") == []
-
-
-def test_nobody_at_home_is_told_apart(tmp_path, monkeypatch):
-    monkeypatch.setenv("no_proxy", "127.0.0.1")
-    with pytest.raises(fetch.UnreachableError, match="in 3 tries"):
-        fetch.download("http://127.0.0.1:9/file", tmp_path / "file", lambda part: "", **FAST)
-
-
-def test_other_schemes_are_not_opened(tmp_path):
-    with pytest.raises(FetchError, match="only http:// and https://"):
-        fetch.download("file:///etc/hosts", tmp_path / "file", lambda part: "")
-
-
-# --- CMU --------------------------------------------------------------------------------------
 
 COLUMNS = "trial,description,fps,split,sha256,asf_sha256"
 
@@ -241,10 +84,11 @@ def test_a_gzipped_mirror_serves_as_well_and_a_cut_file_is_resumed(server, tmp_p
     packed = gzip.compress(AMC)
     del server.files["/subjects/01/01_01.amc"]
     server.files["/subjects/01/01_01.amc.gz"] = packed
-    server.drop_after = [len(ASF), len(AMC), len(packed) // 2]
+    server.drop_after = [len(ASF), len(packed) // 2]
     found = sources.cmu(manifest, tmp_path / "c", server.base, **FAST)
     assert found.clips[0].path.name == "01_01.amc.gz"
     assert found.clips[0].path.read_bytes() == packed
+    assert ("/subjects/01/01_01.amc.gz", f"bytes={len(packed) // 2}-") in server.requests
     assert len(read_clip(found.clips[0].path).points) == 3
 
 
@@ -281,10 +125,24 @@ def test_missing_trials_are_named_together_with_what_to_do(server, tmp_path, man
     assert [said.partition(":")[0] for said in found.left_out] == ["01_02", "79_03"]
 
 
-def test_a_dead_server_is_asked_for_one_trial_only(server, tmp_path, manifest):
-    begin_base = "http://127.0.0.1:9"
+def test_a_dead_server_is_knocked_at_once_and_the_cache_still_serves(
+    server, tmp_path, manifest, monkeypatch
+):
+    serve_all(server)
+    sources.cmu(manifest, tmp_path / "c", server.base, splits=("heldout",), **FAST)
+    knocks = []
+
+    def nobody(url, *_, **__):
+        knocks.append(url)
+        raise fetch.UnreachableError(f"{url}: nobody")
+
+    monkeypatch.setattr(fetch, "download", nobody)
+    with pytest.raises(FetchError, match="2 of 3 trials cannot be had: 01_01, 01_02"):
+        sources.cmu(manifest, tmp_path / "c", server.base)
+    found = sources.cmu(manifest, tmp_path / "c", server.base, missing="skip")
+    assert [s.clip for s in found.clips] == ["79_03"] and len(knocks) == 2
     with pytest.raises(FetchError, match="3 of 3 trials cannot be had: 01_01, 01_02, 79_03"):
-        sources.cmu(manifest, tmp_path / "c", begin_base, missing="skip", **FAST)
+        sources.cmu(manifest, tmp_path / "empty", server.base, missing="skip")
 
 
 def test_a_damaged_cache_is_fetched_again(server, tmp_path, manifest):
@@ -317,29 +175,6 @@ def test_a_changed_file_in_a_local_mirror_is_refused(tmp_path, manifest):
 def test_misspelt_wishes_are_refused(tmp_path, manifest, wish):
     with pytest.raises(ParameterError):
         sources.cmu(manifest, tmp_path / "c", tmp_path, **wish)
-
-
-@pytest.mark.parametrize(
-    ("row", "why"),
-    [
-        (("../../x", "d", 120, "train", "", ""), r":3: '../../x' is no name of a clip"),
-        (("01_01", "d", 120, "train", "", ""), ":3: '01_01' is there twice"),
-        (("01_02", "d", 120, "training", "", ""), ":3: split must be one of train, test"),
-        (("01_02", "d", 120, "train", "beef", ""), ":3: 'beef' is no sha256"),
-        (("01_02", "d", 120, "train", ""), ":3: a row has 6 values"),
-        (("01_02", "d", 120, "train", "", "", ""), ":3: a row has 6 values"),
-    ],
-)
-def test_a_faulty_manifest_is_refused_with_its_line(tmp_path, row, why):
-    path = table(tmp_path / "m.csv", COLUMNS, ("01_01", "d", 120, "train", "", ""), row)
-    with pytest.raises(ClipError, match=why):
-        sources.cmu(path, tmp_path / "c", tmp_path)
-
-
-def test_other_columns_are_refused(tmp_path):
-    path = table(tmp_path / "m.csv", "trial,fps", ("01_01", 120))
-    with pytest.raises(ClipError, match="m.csv:1: columns must be trial,description,fps"):
-        sources.cmu(path, tmp_path / "c", tmp_path)
 
 
 # --- the demo ---------------------------------------------------------------------------------
@@ -495,24 +330,3 @@ def test_an_empty_split_is_refused(own, split):
     if split != "heldout":
         with pytest.raises(ClipError, match=f"{split}: no motion file"):
             sources.folder(own)
-
-
-# --- the lists that come with the project -----------------------------------------------------
-
-
-def test_the_projects_lists_hold_the_clips_they_promise(tmp_path):
-    rows = list(csv.DictReader((CLIPS / "cmu" / "manifest.csv").read_text().splitlines()))
-    count = {split: sum(r["split"] == split for r in rows) for split in sources.SPLITS}
-    assert count == {"train": 10, "test": 27, "heldout": 17}
-    assert {r["trial"]: r["fps"] for r in rows}["79_51"] == "60"
-    rows = list(csv.DictReader((CLIPS / "demo" / "manifest.csv").read_text().splitlines()))
-    assert [sum(r["split"] == s for r in rows) for s in ("train", "test")] == [10, 5]
-    with pytest.raises(FetchError, match="54 of 54 trials cannot be had"):
-        sources.cmu(CLIPS / "cmu" / "manifest.csv", tmp_path, tmp_path)
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the real clips beside the project")
-def test_the_projects_training_trials_are_the_files_listed(tmp_path):
-    manifest = CLIPS / "cmu" / "manifest.csv"
-    found = sources.cmu(manifest, tmp_path, SHARED / "cmu", splits=("train", "heldout"))
-    assert len(found.clips) == 27 and found.left_out == []

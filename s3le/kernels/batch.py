@@ -251,9 +251,7 @@ def _follow(chain, balls, x, starts, q_ref, ridge, margin, constrained, q, cost,
         feasible[row] = False
         for k in range(starts.shape[1]):
             trial = starts[row, k].copy()
-            minimise(
-                chain, balls, True, x[row], q_ref, ridge, margin, constrained, 100, trial, out
-            )
+            minimise(chain, balls, True, x[row], q_ref, ridge, margin, constrained, 100, trial, out)
             if constrained and not clearance_of(chain, balls, trial) >= margin:
                 if not restore(chain, balls, margin, trial):
                     continue

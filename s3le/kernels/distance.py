@@ -8,7 +8,7 @@ _TINY = 1e-12  # [m], under this two segments count as meeting
 
 @njit(cache=True, nogil=True)
 def place_capsules(chain, R, p, ends):
-    """World ends of every capsule's segment: ends (b, 2, 3) [m], and (b, 3) centres in ends[:, 2]."""
+    """World ends and centre of every capsule's segment: ends (b, 3, 3) [m], rows a, b, centre."""
     for k in range(len(chain.body_frame)):
         f = chain.body_frame[k]
         for i in range(3):

@@ -39,7 +39,7 @@ def place(chain, q, R, p, z):
 def bones(chain, R, p, z, x, J):
     """The seven unit vectors and their Jacobian in the frame x forward, y left, z up.
 
-    Writes x (21,) and, where J is (21, n) and not empty, J = dx/dq. A bone without length gives NaN.
+    Writes x (21,) and, where J is (21, n) and not empty, J = dx/dq. A bone of no length is NaN.
     """
     n = len(z)
     with_jacobian = J.shape[0] > 0
@@ -70,7 +70,9 @@ def bones(chain, R, p, z, x, J):
         else:
             u[:] = np.nan
         for i in range(3):
-            x[3 * b + i] = chain.base[i, 0] * u[0] + chain.base[i, 1] * u[1] + chain.base[i, 2] * u[2]
+            x[3 * b + i] = (
+                chain.base[i, 0] * u[0] + chain.base[i, 1] * u[1] + chain.base[i, 2] * u[2]
+            )
         if not with_jacobian:
             continue
         for j in range(n):

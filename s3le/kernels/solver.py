@@ -249,7 +249,11 @@ def blend(chain, balls, anchor, margin, q):
                 apart += (ends[a, 2, i] - ends[b, 2, i]) ** 2
             if apart >= bound * bound:
                 continue
-            gap = nearest_on_segments(ends[a], ends[b], witness) - chain.body_radius[a] - chain.body_radius[b]
+            gap = (
+                nearest_on_segments(ends[a], ends[b], witness)
+                - chain.body_radius[a]
+                - chain.body_radius[b]
+            )
             if gap < margin:
                 for j in range(n):
                     if chain.moves[chain.body_frame[a], j] or chain.moves[chain.body_frame[b], j]:

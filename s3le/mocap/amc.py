@@ -13,7 +13,16 @@ from s3le.errors import ClipError
 from s3le.mocap.asf import ROOT, Skeleton, read_asf
 from s3le.mocap.clip import Clip, make_clip
 from s3le.mocap.rotation import about, turn
-from s3le.mocap.text import floats, integer, number, read_bytes, refusal, require, shown
+from s3le.mocap.text import (
+    floats,
+    integer,
+    listed,
+    number,
+    read_bytes,
+    refusal,
+    require,
+    shown,
+)
 from s3le.skeleton import POINTS
 
 __all__ = ["CMU_60_HZ", "cmu_rate", "joint_positions", "read_amc", "read_asf"]
@@ -62,7 +71,7 @@ def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
     """
     if lost := [bone for bone in CMU_POINTS.values() if bone not in skeleton.bones]:
         raise ClipError(
-            f"{path}: its skeleton has no {', '.join(lost)}; it has {', '.join(skeleton.bones)}"
+            f"{path}: its skeleton has no {', '.join(lost)}; it has {listed(skeleton.bones)}"
         )
     data = read_bytes(path)
     require(path, data, "AMC text")
@@ -224,5 +233,5 @@ def _by_line(
 
 def _complete(path: Path | str, line: int, frame: int, seen: dict, moving: dict) -> None:
     if lost := [name for name in moving if name not in seen]:
-        why = f"frame {frame} ends without {', '.join(lost)}; a truncated file?"
+        why = f"frame {frame} ends without {listed(lost)}; a truncated file?"
         raise refusal(path, line, why)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.mocap.rotation import about
-from s3le.mocap.text import number, read_bytes, refusal, require, shown
+from s3le.mocap.text import SMALL_BYTES, listed, number, read_bytes, refusal, require, shown
 
 INCH = 0.0254  # [m]
 ROOT = "root"
@@ -71,7 +71,7 @@ def read_asf(path: Path | str) -> Skeleton:
             keyword, a wrong count, a value that is no finite number, a bone that is
             missing, doubled or not in the hierarchy, a translating bone, a root away from 0.
     """
-    data = read_bytes(path)
+    data = read_bytes(path, SMALL_BYTES)
     require(path, data, "ASF text")
     sections = _sections(path, data)
     metres, degrees = _units(path, sections["units"])
@@ -236,5 +236,5 @@ def _ordered(path: Path | str, bones: dict[str, Bone], lines: Lines) -> dict[str
         ordered[name] = bones[name]._replace(parent=parent[name])
         todo += children.get(name, [])
     if lost := sorted(bones.keys() - ordered.keys()):
-        raise refusal(path, lines[0][0], f"not below the root: {', '.join(lost)}")
+        raise refusal(path, lines[0][0], f"not below the root: {listed(lost)}")
     return ordered

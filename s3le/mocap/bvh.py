@@ -6,8 +6,9 @@ would be wrong if it were added). Points of cgspeed files: the thorax bone is lo
 the neck lies lower than in the AMC; the pelvis points are the thighs, not the hip joints.
 """
 
+from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
@@ -15,7 +16,17 @@ from s3le.errors import ParameterError
 from s3le.mocap.clip import FPS_RANGE, Clip, make_clip
 from s3le.mocap.rigs import Match, match
 from s3le.mocap.rotation import about, turn
-from s3le.mocap.text import floats, integer, number, read_bytes, refusal, require, shown
+from s3le.mocap.text import (
+    SMALL_BYTES,
+    floats,
+    integer,
+    listed,
+    number,
+    read_bytes,
+    refusal,
+    require,
+    shown,
+)
 from s3le.skeleton import POINTS
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "cmu": 0.0254 / 0.45}  # [m] per file unit
@@ -23,6 +34,7 @@ ARM_RANGE = (0.3, 0.9)  # [m] shoulder to wrist, of a child and of a giant
 REST_ARM = np.cos(np.radians(20.0))  # least |y| of the arms' directions in a T-pose
 _CHANNELS = {f"{axis}{kind}": (kind, i) for i, axis in enumerate("xyz") for kind in
              ("position", "rotation")}
+_ROWS = 4096  # frames split and converted at a time, which bounds the memory of the words
 _KEYWORDS = {"ROOT", "JOINT", "End", "OFFSET", "CHANNELS", "}"}
 
 
@@ -68,6 +80,8 @@ def read_bvh(path: Path | str, fps: float | None = None, unit: str | None = None
     motion = next((i for i, line in enumerate(lines) if line.strip() == b"MOTION"), None)
     if motion is None:
         raise refusal(path, len(lines), "no MOTION line; a truncated file?")
+    if sum(map(len, lines[:motion])) > SMALL_BYTES:
+        raise refusal(path, motion + 1, f"a hierarchy of more than {SMALL_BYTES} bytes")
     joints = _hierarchy(path, lines[:motion])
     found = _points(path, joints)
     columns = sum(len(joint.channels) for joint in joints)
@@ -212,23 +226,30 @@ def _motion(
     rows = lines[head[1] + 1 :]
     first = head[1] + 2  # line number of rows[0]
     kept = [row for row in rows if row.strip()] if not all(rows) else rows
-    words = list(map(bytes.split, kept))
-    if set(map(len, words)) - {columns, 0}:  # 0: a line of blanks
-        for line, row in enumerate(rows, first):
-            if len(row.split()) not in (0, columns):
-                why = f"a frame takes {columns} values, got {len(row.split())}"
-                raise refusal(path, line, why)
-    words = [word for row in words for word in row]
-    n = len(words) // columns if columns else 0
+    parts, n = [], 0
+    for begin in range(0, len(kept), _ROWS):
+        words = list(map(bytes.split, kept[begin : begin + _ROWS]))
+        complete = set(map(len, words)) <= {columns, 0}  # 0: a line of blanks
+        values = floats(chain.from_iterable(words)) if complete else None
+        if values is None:
+            _explain(path, rows, first, columns)
+        parts.append(values)
+        n += len(values) // columns if columns else 0
     if n != count or not n:
         why = f"Frames: {count}, but the file has {n}; a truncated file?"
         raise refusal(path, head[0] + 1, why)
-    values = floats(words)
-    if values is None:
-        for line, row in enumerate(rows, first):
-            for word in row.split():
-                number(path, line, word, "a channel value")
-    return values.reshape(n, columns), rate
+    return np.concatenate(parts).reshape(n, columns), rate
+
+
+def _explain(path: Path | str, rows: list[bytes], first: int, columns: int) -> NoReturn:
+    """Refuse the first row, numbered from `first`, that is not `columns` numbers."""
+    for line, row in enumerate(rows, first):
+        words = row.split()
+        if len(words) not in (0, columns):
+            raise refusal(path, line, f"a frame takes {columns} values, got {len(words)}")
+        for word in words:
+            number(path, line, word, "a channel value")
+    raise AssertionError("a row was refused in bulk but not by itself")
 
 
 def _rate(path: Path | str, line: int, word: bytes) -> float:
@@ -252,9 +273,9 @@ def _points(path: Path | str, joints: list[Joint]) -> Match:
         wanted = "; ".join(
             f"{p} (as {' or '.join(found.family.candidates(p))})" for p in found.missing
         )
-        raise refusal(path, None, f"no joint for {wanted}; the file has {', '.join(names)}")
+        raise refusal(path, None, f"no joint for {wanted}; the file has {listed(names)}")
     if found.doubled:
-        raise refusal(path, None, f"more than one joint is called {', '.join(found.doubled)}")
+        raise refusal(path, None, f"more than one joint is called {listed(found.doubled)}")
     for side in "rl":
         chain = [found.joints[p] for p in ("hip", f"{side}_shoulder", f"{side}_elbow",
                                            f"{side}_hand")]

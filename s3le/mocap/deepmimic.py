@@ -20,6 +20,7 @@ from s3le.mocap.text import read_bytes, refusal, require
 from s3le.skeleton import POINTS
 
 WIDTH = 44
+LARGEST = 32 * 2**20  # [bytes] 40,000 frames; parsed JSON may need 20 times as much
 UNEVEN = 20.0  # refuse durations that would give more frames per row than this
 NORM_RANGE = (0.5, 1.5)  # of a quaternion; real files, blended by hand, stray to 0.58
 
@@ -57,7 +58,7 @@ def read_deepmimic(path: Path | str, fps: float | None = None) -> Clip:
             quaternions of length 1; or durations too uneven to resample.
         ParameterError: fps is no sensible rate.
     """
-    data = read_bytes(path)
+    data = read_bytes(path, LARGEST)
     require(path, data, "JSON text")
     frames = _frames(path, data)
     with np.errstate(over="ignore", invalid="ignore"):  # make_clip refuses what comes of it

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from s3le.errors import ClipError, ParameterError
 from s3le.mocap.clip import check_rate
-from s3le.mocap.text import read_bytes
+from s3le.mocap.text import SMALL_BYTES, read_bytes
 
 SPLITS = ("train", "test", "heldout")
 
@@ -41,7 +41,7 @@ def table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
             that is there twice, broken quoting.
     """
     try:
-        text = read_bytes(path, limit=2**24).decode("utf-8")
+        text = read_bytes(path, limit=SMALL_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
         raise ClipError(f"{path}: not UTF-8 text: {error}") from None
     reader = csv.DictReader(text.splitlines(), strict=True)

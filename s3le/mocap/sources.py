@@ -179,11 +179,9 @@ def cmu(
         trial, subject = row["trial"], row["trial"].partition("_")[0]
         wanted = ((f"{subject}.asf", row["asf_sha256"]), (f"{trial}.amc", row["sha256"]))
         try:
-            if gone:
-                raise FetchError(gone)
             for name, digest in wanted:
                 path = (
-                    _remote(str(base), Path(cache), subject, name, digest, patience)
+                    _remote(str(base), Path(cache), subject, name, digest, patience, gone)
                     if remote
                     else _local(Path(base), subject, name, digest)
                 )
@@ -215,12 +213,21 @@ def _local(base: Path, subject: str, name: str, digest: str) -> Path:
 
 
 def _remote(
-    base: str, cache: Path, subject: str, name: str, digest: str, patience: dict[str, float]
+    base: str,
+    cache: Path,
+    subject: str,
+    name: str,
+    digest: str,
+    patience: dict[str, float],
+    gone: str,
 ) -> Path:
+    """The file in the cache, fetched unless it is there; gone says that no server answers."""
     places = [cache / subject / name, cache / subject / f"{name}.gz"]
     for path in places:
         if path.is_file() and not _wrong(path, name, digest):
             return path
+    if gone:
+        raise fetch.UnreachableError(gone)
     for path in places:
         packed = path.suffix == ".gz"
         try:
@@ -266,6 +273,8 @@ def folder(path: Path) -> Sources:
             across splits, which would test on what was trained on), or a faulty fps.csv.
     """
     path = Path(path)
+    if not path.is_dir():
+        raise ClipError(f"{path}: no such folder; it should hold train/ and test/")
     rates = {}
     if (table := path / "fps.csv").is_file():
         rates = {row["clip"]: manifests.rate(table, row["clip"], row["fps"])

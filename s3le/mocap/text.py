@@ -13,10 +13,12 @@ import numpy as np
 
 from s3le.errors import ClipError
 
-MAX_BYTES = 128 * 2**20  # largest file read, after decompression; about 10 h of 30 Hz motion
+MAX_BYTES = 128 * 2**20  # largest file read, unpacked: 150,000 frames of 96 channels
+SMALL_BYTES = 4 * 2**20  # largest skeleton or list; real ones have kilobytes
 
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _SHOWN = 40  # characters of a token quoted in a refusal
+_LISTED = 60  # names listed in a refusal
 
 
 def refusal(path: Path | str, line: int | None, why: str) -> ClipError:
@@ -28,6 +30,13 @@ def shown(token: bytes | str) -> str:
     """A token as a refusal quotes it: printable, in quotes, cut when long."""
     text = token.decode("latin-1") if isinstance(token, bytes) else token
     return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names as a refusal lists them: printable, with commas, cut when many."""
+    names = list(names)
+    text = ", ".join(ascii(name)[1:-1][:_SHOWN] for name in names[:_LISTED])
+    return text if len(names) <= _LISTED else f"{text}, ... ({len(names)} in all)"
 
 
 def read_bytes(path: Path | str, limit: int = MAX_BYTES, packed: bool | None = None) -> bytes:
@@ -68,10 +77,8 @@ def looks_like(head: bytes) -> str:
     ):
         if head.startswith(magic):
             return what
-    if head[1:2] == b"\x50" and head[:1] < b"\x20":
-        return "binary C3D markers"
     if b"\0" in head:
-        return "binary data"
+        return "binary C3D markers" if head[1:2] == b"\x50" else "binary data"
     if body[:1] == b"<":
         return "an HTML or XML page"
     if first.split(b" ")[0].split(b"\t")[0] == b"HIERARCHY":

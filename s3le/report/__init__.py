@@ -1,1 +1,1 @@
-"""What a run looks like: charts, snapshot strips and the page that reads them; the only door to matplotlib."""
+"""What a run looks like: charts, snapshot strips, the page; the only door to matplotlib."""

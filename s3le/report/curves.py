@@ -36,7 +36,7 @@ def draw(path: Path, histories: dict[str, list[dict[str, float]]]) -> None:
         path: the PNG to write.
         histories: for each method its rows, "step" and the loss terms [-] by name.
     """
-    names = dict(style.METHODS)
+    names = style.TRAINED
     order = [key for key in names if key in histories]
     order += [key for key in histories if key not in names]
     with style.sheet():

@@ -175,9 +175,9 @@ def _crevices(depth, solid, fine):
     """Share of light lost where neighbours stand nearer to the viewer, (h, w)."""
     reach = max(1, round(_SPREAD * fine))
     filled = np.where(solid, depth, 0.0)
+    weight = np.maximum(_blur(solid.astype(float), reach), 1e-9)
     for _ in range(2):  # twice a box is nearly a bell
-        filled_sum, weight = _blur(filled, reach), _blur(solid.astype(float), reach)
-        filled = np.where(solid, filled_sum / np.maximum(weight, 1e-9), 0.0)
+        filled = np.where(solid, _blur(filled, reach) / weight, 0.0)
     return np.where(solid, np.clip(3.2 * (filled - np.where(solid, depth, 0.0)), 0.0, 0.38), 0.0)
 
 

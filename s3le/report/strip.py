@@ -192,9 +192,7 @@ def _strip(times: np.ndarray, rows: list[Row], title: str) -> Figure:
     right = max(span[1] for span in spans.values()) + 0.03
     scale = min(_FINEST, _WIDEST / n / (right - left))
     wide = max(round((right - left) * scale), 64)
-    tall = {
-        kind: round((high - low + 0.06) * scale) for kind, (_, _, low, high) in spans.items()
-    }
+    tall = {kind: round((high - low + 0.06) * scale) for kind, (_, _, low, high) in spans.items()}
     noted = [20 if row.note is not None else 0 for row in rows]
     heights = [tall[kind] + extra for kind, extra in zip(kinds, noted, strict=True)]
 
@@ -208,7 +206,9 @@ def _strip(times: np.ndarray, rows: list[Row], title: str) -> Figure:
     page.text(10, 10, title, size=11.0, weight="bold", va="top")
     for column, time in enumerate(times):
         x = _LABEL + column * (wide + _PAD) + wide / 2
-        page.text(x, head - 8, f"{time:.2f} s", size=8.0, ha="center", va="bottom", color=style.QUIET)
+        page.text(
+            x, head - 8, f"{time:.2f} s", size=8.0, ha="center", va="bottom", color=style.QUIET
+        )
 
     y = head
     for row, kind, cells, extra in zip(rows, kinds, shown, noted, strict=True):
@@ -251,7 +251,13 @@ def _strip(times: np.ndarray, rows: list[Row], title: str) -> Figure:
 def _label(page: "_Page", row: Row, kind: str, y: float, tall: int) -> None:
     middle = y + tall / 2
     page.text(
-        _LABEL - 14, middle, textwrap.fill(row.label, 17), size=9.0, ha="right", va="center", weight="bold"
+        _LABEL - 14,
+        middle,
+        textwrap.fill(row.label, 17),
+        size=9.0,
+        ha="right",
+        va="center",
+        weight="bold",
     )
     if kind == "robot" and row.colour:
         page.box(_LABEL - 8, y + 4, 3, tall - 8, fill=row.colour, edge=None)
@@ -265,9 +271,9 @@ def _caption(rows: list[Row], kinds: list[str]) -> str:
     if "human" in kinds:
         words.append(
             "Human: measured directions drawn with nominal lengths "
-            f"(trunk {TRUNK:.2f} m, neck to shoulder {SHOULDER:.2f} m, upper arm {UPPER_ARM:.2f} m, "
-            f"forearm {FOREARM:.2f} m); green its left arm, violet its right; "
-            "the pale head and pelvis are not measured."
+            f"(trunk {TRUNK:.2f} m, neck to shoulder {SHOULDER:.2f} m, "
+            f"upper arm {UPPER_ARM:.2f} m, forearm {FOREARM:.2f} m); green its left arm, "
+            "violet its right; the pale head and pelvis are not measured."
         )
     if any(kind == "robot" and _still(row).any() for row, kind in zip(rows, kinds, strict=True)):
         words.append("Robot: its collision bodies; pale ones stand still.")

@@ -42,6 +42,8 @@ BRUTE_FORCE = {  # method -> brute-force search of the same pool
     "s3le": "skeleton_all",
 }
 
+TRAINED = {"ale": "ALE", "lwl2": "LWL2", "s3le": "S3LE"}  # what one training makes
+
 INK = "#222222"
 QUIET = "#6a6a6a"
 FAINT = "#dddddd"

@@ -1,1 +1,1 @@
-"""Robot descriptions, their URDF geometry, and the coal check: the only door to pinocchio and coal."""
+"""Robot descriptions, URDF geometry and the coal check: the only door to pinocchio and coal."""

@@ -83,7 +83,8 @@ class Certifier:
         bad = ~((report.clearance >= margin) & (report.limit_margin >= 0.0))  # catches NaN
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            raise CertificateError(f"{bad.sum()} of {len(q)} poses are not feasible; {self.why(q[row], row, margin)}")
+            why = self.why(q[row], row, margin)
+            raise CertificateError(f"{bad.sum()} of {len(q)} poses are not feasible; {why}")
         return report
 
     def why(self, q: np.ndarray, row: int, margin: float) -> str:
@@ -130,7 +131,7 @@ def point_positions(robot: Robot, q: np.ndarray) -> np.ndarray:
 
 
 def _models(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
-    """The URDF's own kinematics, with the robot's capsules where the URDF has boxes or cylinders."""
+    """The URDF's own kinematics, with capsules where the URDF has boxes or cylinders."""
     model, geometry = reduced(robot.description)
     for item, body in zip(geometry.geometryObjects, robot.bodies, strict=True):
         if isinstance(item.geometry, coal.Capsule | coal.Sphere):

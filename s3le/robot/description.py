@@ -64,7 +64,9 @@ def read_description(path: Path) -> Description:
     for key in tree:
         if key not in _KEYS:
             near = get_close_matches(str(key), _KEYS, n=1)
-            raise RobotError(f"{path}: unknown key '{key}'" + (f"; did you mean {near[0]}?" if near else ""))
+            raise RobotError(
+                f"{path}: unknown key '{key}'" + (f"; did you mean {near[0]}?" if near else "")
+            )
     for key in _KEYS:
         if key not in tree and key not in _OPTIONAL:
             raise RobotError(f"{path}: key '{key}' is missing")
@@ -80,7 +82,9 @@ def read_description(path: Path) -> Description:
     if missing := [role for role in MAPPED if role not in points]:
         raise RobotError(f"{path}: points lacks {', '.join(missing)}")
     if extra := [role for role in points if role not in MAPPED]:
-        raise RobotError(f"{path}: points has the unknown role '{extra[0]}'; roles: {', '.join(MAPPED)}")
+        raise RobotError(
+            f"{path}: points has the unknown role '{extra[0]}'; roles: {', '.join(MAPPED)}"
+        )
     joints = tree["joints"]
     if not isinstance(joints, list) or not joints or len(set(map(str, joints))) != len(joints):
         raise RobotError(f"{path}: joints must be a list of different joint names, got {joints!r}")
@@ -107,7 +111,9 @@ def _mapping(path: Path, key: str, value: Any) -> dict:
 def _number(path: Path, key: str, value: Any, at_least: float = -math.inf) -> float:
     good = isinstance(value, int | float) and not isinstance(value, bool)
     if not good or not math.isfinite(value) or value < at_least:
-        raise RobotError(f"{path}: {key} must be a finite number of at least {at_least:g}, got {value!r}")
+        raise RobotError(
+            f"{path}: {key} must be a finite number of at least {at_least:g}, got {value!r}"
+        )
     return float(value)
 
 

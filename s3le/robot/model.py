@@ -158,7 +158,7 @@ def reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
         for name in wanted:
             if name not in named:
                 raise RobotError(
-                    f"robot {text.name}: {key} names '{name}', which {text.urdf.name} does not have; "
+                    f"robot {text.name}: {key} names '{name}', not in {text.urdf.name}; "
                     f"its movable joints: {', '.join(named)}"
                 )
     still = pin.neutral(model)
@@ -172,7 +172,9 @@ def _joint(model: pin.Model, index: int, where: str) -> Joint:
     kind = model.joints[index]
     name = model.names[index]
     if kind.nq != 1 or kind.nv != 1 or "R" not in kind.shortname():
-        raise RobotError(f"{where}: joint '{name}' is {kind.shortname()}; only revolute joints move")
+        raise RobotError(
+            f"{where}: joint '{name}' is {kind.shortname()}; only revolute joints move"
+        )
     lower = float(model.lowerPositionLimit[kind.idx_q])
     upper = float(model.upperPositionLimit[kind.idx_q])
     if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):

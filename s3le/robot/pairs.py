@@ -92,7 +92,9 @@ def _distance(robot: Robot, at: list[coal.Transform3s], a: int, b: int, grow: fl
     shapes = []
     for index in (a, b):
         body = robot.bodies[index]
-        shapes.append(coal.Capsule(body.radius * grow, float(np.linalg.norm(body.b - body.a)) * grow))
+        shapes.append(
+            coal.Capsule(body.radius * grow, float(np.linalg.norm(body.b - body.a)) * grow)
+        )
     result = coal.DistanceResult()
     coal.distance(shapes[0], at[a], shapes[1], at[b], coal.DistanceRequest(), result)
     return float(result.min_distance)

@@ -16,7 +16,9 @@ MOCAP_POINTS = Table(
         "points": Column(
             vector(3 * len(POINTS)),
             "m",
-            "joint positions, x forward, y left, z up: " + ", ".join(POINTS) + "; NaN where unknown",
+            "joint positions, x forward, y left, z up: "
+            + ", ".join(POINTS)
+            + "; NaN where unknown",
         ),
     },
     rules={

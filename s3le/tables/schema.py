@@ -57,7 +57,11 @@ class Table:
             if frame[column].null_count():
                 raise TableError(f"{self.name}: key column '{column}' has nulls; {made}")
         if frame.select(self.key).is_duplicated().any():
-            twice = frame.filter(frame.select(self.key).is_duplicated()).select(self.key).row(0, named=True)
+            twice = (
+                frame.filter(frame.select(self.key).is_duplicated())
+                .select(self.key)
+                .row(0, named=True)
+            )
             raise TableError(f"{self.name}: key {twice} occurs more than once; {made}")
         for rule, good in self.rules.items():
             passed = frame.select(good.fill_null(False).alias("ok"))["ok"]

@@ -1,0 +1,49 @@
+"""Stage `metrics`: every stage's figures -> reports/metrics.json and reports/motions.csv."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from pipeline.stage import knob, launch, read, say
+from s3le import machine, metrics, store
+from s3le.methods import ENTRIES
+from s3le.tables.ground_truth import ground_truth
+
+ROBOT = Path("data/robot")
+COUNTS = Path("data/counts")
+TRUTH = Path("data/ground_truth.parquet")
+OUT = Path("reports/metrics.json")
+MOTIONS = Path("reports/motions.csv")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Params:
+    """What the run is called by."""
+
+    section: ClassVar[str] = "metrics"
+    clips: str = knob("which clips", shared=True)
+
+
+def main() -> None:
+    """Merge what the stages counted into one tree of metrics and one row a motion."""
+    params = read(Params)
+    robot = machine.read(ROBOT)
+    stages = ("skeletons", "pair", "sample", "poses")
+    tree, motions = metrics.merge(
+        robot,
+        params.clips,
+        {stage: store.read_json(COUNTS / f"{stage}.json", stage) for stage in stages},
+        store.read(ground_truth(robot.robot.n_dof, robot.margin), TRUTH, robot.tag),
+        {e: store.read_json(COUNTS / f"evaluate-{e}.json", f"evaluate@{e}") for e in ENTRIES},
+    )
+    store.write_json(tree, OUT)
+    store.write_csv(motions, MOTIONS)
+    for split, part in tree["splits"].items():
+        say(f"{split}: mean cosine distance to the ground truth, collisions")
+        for name, entry in ENTRIES.items():
+            found = part["methods"][name]
+            say(f"  {entry.label:42s} {found['to_truth']:.4f}  {found['collision_rate']:6.1%}")
+
+
+if __name__ == "__main__":
+    launch(main, "metrics")

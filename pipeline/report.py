@@ -1,0 +1,66 @@
+"""Stage `report`: metrics and tables -> reports/report.md and its pictures."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from pipeline.stage import knob, launch, read, say
+from s3le import machine, snapshots, store
+from s3le.methods import ENTRIES
+from s3le.report import bars, curves, page, strip
+from s3le.tables.ground_truth import ground_truth
+from s3le.tables.retargeted import retargeted
+from s3le.tables.skeletons import SKELETONS
+
+ROBOT = Path("data/robot")
+DATA = Path("data")
+REPORTS = Path("reports")
+FIGURES = REPORTS / "figures"
+TRAINED = ("s3le", "lwl2", "ale")
+SHOWN = ("ale", "lwl2", "s3le")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Params:
+    """What is shown."""
+
+    section: ClassVar[str] = "report"
+    strip_clip: str = knob("test clip of the snapshot strip, or auto")
+    strip_frames: int = knob("moments in the snapshot strip", at_least=1, at_most=24)
+
+
+def main() -> None:
+    """Draw the pictures and write the page that reads the run to a stranger."""
+    params = read(Params)
+    robot = machine.read(ROBOT)
+    n_dof = robot.robot.n_dof
+    tree = store.read_json(REPORTS / "metrics.json", "metrics")
+    motions = store.read_csv(REPORTS / "motions.csv", "metrics")
+    histories = {
+        name: store.read_csv(REPORTS / "training" / f"{name}.csv", f"train@{name}")
+        for name in TRAINED
+    }
+    frames = store.read(SKELETONS, DATA / "skeletons.parquet")
+    table = ground_truth(n_dof, robot.margin)
+    truth = store.read(table, DATA / "ground_truth.parquet", robot.tag)
+    answers = {
+        name: store.read(retargeted(n_dof), DATA / f"retargeted-{name}.parquet", robot.tag)
+        for name in SHOWN
+    }
+    labels = [(name, entry.label) for name, entry in ENTRIES.items()]
+    bars.draw(FIGURES / "motions.png", motions, labels, "Distance to the ground truth per motion")
+    curves.draw(FIGURES / "training.png", histories)
+    clip, rows = snapshots.choose(frames, params.strip_clip, params.strip_frames)
+    shown = snapshots.strip(robot, frames, rows, truth, answers)
+    strip.draw(FIGURES / "strip.png", frames["time"][rows], shown, f"{robot.robot.name}: {clip}")
+    pictures = {
+        "bars": "figures/motions.png",
+        "strip": "figures/strip.png",
+        "curves": "figures/training.png",
+    }
+    store.write_text(page.markdown(tree, histories, {}, pictures), REPORTS / "report.md")
+    say(f"read {REPORTS / 'report.md'}")
+
+
+if __name__ == "__main__":
+    launch(main, "report")

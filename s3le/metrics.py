@@ -1,0 +1,67 @@
+"""The one tree of numbers that a run is compared by, from what every stage counted."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from s3le.machine import Machine
+from s3le.methods import ENTRIES
+
+
+def merge(
+    machine: Machine,
+    clips: str,
+    counts: Mapping[str, Mapping[str, Any]],
+    truth: Mapping[str, np.ndarray],
+    figures: Mapping[str, Mapping[str, Any]],
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Put the stages' figures together.
+
+    Args:
+        machine: the robot.
+        clips: value of the parameter.
+        counts: by stage: skeletons, pair, sample, poses.
+        truth: columns of table ground_truth.
+        figures: by entry, what comparison.answer found for each split.
+
+    Returns:
+        Pair (metrics, motions): the tree for reports/metrics.json, and one row for each split,
+        motion and entry.
+    """
+    splits: dict[str, Any] = {}
+    motions = []
+    for split in dict.fromkeys(truth["split"].tolist()):
+        at = truth["split"] == split
+        methods = {}
+        for name in ENTRIES:
+            found = figures[name][split]
+            methods[name] = {key: found["all"][key] for key in found["all"] if key != "frames"}
+            for clip, values in found["motions"].items():
+                motions.append({"split": split, "clip": clip, "method": name} | values)
+        splits[split] = {
+            "clips": len(set(truth["clip"][at].tolist())),
+            "frames": int(at.sum()),
+            "truth": {
+                "to_human": float(truth["to_human"][at].mean()),
+                "collision_rate": float((truth["clearance"][at] < 0).mean()),
+                "limit_rate": float((truth["limit_margin"][at] < 0).mean()),
+            },
+            "methods": methods,
+        }
+    tree = {
+        "run": {
+            "robot": machine.robot.name,
+            "clips": clips,
+            "n_dof": machine.robot.n_dof,
+            "pairs_watched": len(machine.watched),
+            "margin_mm": machine.margin * 1e3,
+        },
+        "clips": counts["skeletons"]["clips"],
+        "domain": counts["skeletons"]["domain"],
+        "pairs": counts["pair"],
+        "sampling": counts["sample"],
+        "poses": counts["poses"],
+        "splits": splits,
+    }
+    return tree, motions

@@ -1,0 +1,401 @@
+"""One Markdown page that reads a run to somebody who has not seen it.
+
+Every number on it comes from the arguments; what is missing is called "not measured" (a figure:
+"not drawn"). Its only calculations are ratios and sums of such numbers, and angles: acos(1 - d)
+for a distance d.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from s3le.report import style
+from s3le.report.curves import TERMS
+
+MISSING = "not measured"
+NONE = "-"  # where a cell has no meaning
+
+_CAUSES = (
+    ("dropped_tilt", "torso tilted too far"),
+    ("dropped_pelvis", "pelvis line without direction"),
+    ("dropped_bone", "bone without length"),
+    ("dropped_not_finite", "not a finite number"),
+)
+_LOOKUPS = tuple(key for key, _ in style.METHODS if key != "ale")  # answer with stored poses
+_FIGURES = {
+    "bars": (
+        "Motion by motion",
+        "Each bar is one method on one motion, the grey band their mean; a short upright line is "
+        "brute force over the same stored poses. Shorter is better; the scale above the bars "
+        "turns a distance into degrees.",
+    ),
+    "strip": (
+        "Snapshots",
+        "Each column is one moment. The first row is the human that the robots below should "
+        "resemble; a red outline marks a pose in which the robot collides with itself.",
+    ),
+    "curves": (
+        "Training curves",
+        "Each panel is one training, each line one term of its loss. Lines that have gone flat "
+        "say that more steps of the same kind would probably change little; terms of different "
+        "methods are not comparable in height.",
+    ),
+}
+
+
+def markdown(
+    metrics: Mapping[str, Any],
+    training: Mapping[str, list[Mapping[str, float]]],
+    timing: Mapping[str, float],
+    figures: Mapping[str, str],
+) -> str:
+    """Write the page.
+
+    Args:
+        metrics: the run's merged metrics, any part of which may be missing: "run", "clips",
+            "domain", "pairs", "sampling", "poses", "splits". Distances are mean cosine distances
+            [-], rates shares in [0, 1], pools numbers of poses, "margin_mm" [mm],
+            "moved_mean_rad" [rad], "accepted_share" a share in [0, 1], the rest counts.
+        training: for each method its history, rows of "step" and loss terms [-]
+            (as curves.draw takes it).
+        timing: wall time by stage [s].
+        figures: path of each picture, relative to the page: "bars", "strip", "curves", or any
+            other name.
+
+    Returns:
+        The page, ending in a newline.
+    """
+    parts = [
+        *_head(metrics),
+        *_measure(),
+        *_splits(_at(metrics, "splits")),
+        *_pictures(figures),
+        *_guarantees(metrics),
+        *_data(metrics),
+        *_training(training),
+        *_timing(timing),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _head(metrics: Mapping[str, Any]) -> list[str]:
+    run = _at(metrics, "run")
+    splits = _at(metrics, "splits")
+    shown = [
+        f"*{_text(name)}*: {_count(split.get('frames'))} frames of "
+        f"{_count(split.get('clips'))} motions"
+        for name, split in splits.items()
+    ]
+    facts = [
+        ("robot", f"{_text(run.get('robot'))}, {_count(run.get('n_dof'))} moving joints"),
+        ("clips", _text(run.get("clips"))),
+        ("measured on", "; ".join(shown) or MISSING),
+        ("pairs of bodies watched for collision", _count(run.get("pairs_watched"))),
+        ("clearance wanted", f"{_plain(run.get('margin_mm'))} mm"),
+    ]
+    return [
+        "# What this run found",
+        "Human skeletons go in, poses of the robot come out. S3LE and LWL2 look up the nearest "
+        "pose in a store of poses that were all checked; ALE computes a pose and checks nothing. "
+        "Each is compared with the best pose that a slow optimisation finds under the robot's "
+        "limits and without collisions, the *ground truth*. The motions measured here were not "
+        "trained on, unless a split is called *train*.",
+        _table(["this run", ""], [[name, value] for name, value in facts]),
+    ]
+
+
+def _measure() -> list[str]:
+    return [
+        "## The measure",
+        "A pose is seen as seven directions: trunk, shoulders, upper arms, forearms. *Cosine "
+        "distance* is the mean over the seven of 1 - cos(angle between the two directions): 0 is "
+        "the same pose, and d is what one gets when every direction is off by acos(1 - d). "
+        + "; ".join(f"{d:g} is {_degrees(d)}" for d in (0.01, 0.05, 0.1, 0.2))
+        + ".",
+    ]
+
+
+def _splits(splits: Mapping[str, Any]) -> list[str]:
+    if not splits:
+        return ["## Results", f"Results: {MISSING}."]
+    parts = []
+    for name, split in splits.items():
+        methods = _at(split, "methods")
+        known = [key for key, _ in style.METHODS]
+        labels = dict(style.METHODS) | {key: key for key in methods if key not in known}
+        rows = [_method_row(key, label, methods) for key, label in labels.items()]
+        truth = _at(split, "truth")
+        rows.append(
+            [
+                "ground truth",
+                NONE,
+                _distance(truth.get("to_human")),
+                _rate(truth.get("collision_rate")),
+                _rate(truth.get("limit_rate")),
+                NONE,
+                NONE,
+            ]
+        )
+        titles = [
+            "method", "to the ground truth", "to the human", "collisions", "beyond limits",
+            "stored poses", "brute force on the same poses",
+        ]  # fmt: skip
+        parts += [
+            f"## Results on *{_text(name)}* ({_count(split.get('clips'))} motions, "
+            f"{_count(split.get('frames'))} frames)",
+            _table(titles, rows),
+            "How to read it: the first two columns are mean cosine distances, lower is better, "
+            "and the ground truth's own distance to the human is what the robot's body leaves "
+            "no way around; collisions and beyond limits are shares of frames; the last column "
+            "is what a search without any learning, for the nearest skeleton among the same "
+            "stored poses, reaches against the ground truth.",
+            *_findings(methods, truth),
+        ]
+    return parts
+
+
+def _method_row(key: str, label: str, methods: Mapping[str, Any]) -> list[str]:
+    if key not in methods:
+        return [label, *[MISSING] * 6]
+    got = _at(methods, key)
+    pool = NONE if "pool" in got and got["pool"] is None else _count(got.get("pool"))
+    if key in style.BRUTE_FORCE:
+        same = _distance(_at(methods, style.BRUTE_FORCE[key]).get("to_truth"))
+    else:
+        same = NONE
+    return [
+        _text(label),
+        _distance(got.get("to_truth")),
+        _distance(got.get("to_human")),
+        _rate(got.get("collision_rate")),
+        _rate(got.get("limit_rate")),
+        pool,
+        same,
+    ]
+
+
+def _findings(methods: Mapping[str, Any], truth: Mapping[str, Any]) -> list[str]:
+    """What the table says, in sentences; nothing about what was not measured."""
+    to_truth = {key: _at(methods, key).get("to_truth") for key in methods}
+    own = to_truth.get("s3le")
+    found = []
+    if _is_number(own):
+        found.append(
+            f"S3LE stays {_distance(own)} from the ground truth, as if every direction were "
+            f"{_degrees(own)} off."
+        )
+        ratios = [
+            f"{own / to_truth[key]:.2f} times {words}"
+            for key, words in (
+                ("lwl2_pairs", "LWL2's (pairs only)"),
+                ("lwl2", "LWL2's (with robot poses)"),
+                ("ale", "ALE's"),
+                ("skeleton_all", "that of brute force over the same poses"),
+            )
+            if _is_number(to_truth.get(key)) and to_truth[key] > 0.0
+        ]
+        if ratios:
+            found.append(f"Its distance is {_listed(ratios)}.")
+    broken = [
+        f"{label} ({what} in {_rate(_at(methods, key).get(rate))} of the frames)"
+        for key, label in style.METHODS
+        if key in _LOOKUPS
+        for rate, what in (("collision_rate", "collisions"), ("limit_rate", "broken limits"))
+        if _is_number(_at(methods, key).get(rate)) and _at(methods, key)[rate] > 0.0
+    ]
+    if broken:
+        found.append(
+            "**This must not happen: stored poses that were checked turned out unsafe.** "
+            + "; ".join(broken)
+            + "."
+        )
+    if _is_number(truth.get("collision_rate")) and truth["collision_rate"] > 0.0:
+        found.append(
+            f"**The ground truth itself collides in {_rate(truth['collision_rate'])} of the "
+            "frames, so it is not a reference to trust.**"
+        )
+    return [" ".join(found)] if found else []
+
+
+def _pictures(figures: Mapping[str, str]) -> list[str]:
+    parts = []
+    for name, (title, how) in _FIGURES.items():
+        parts.append(f"## {title}")
+        if figures.get(name):
+            parts += [f"![{title}]({figures[name]})", f"How to read it: {how[0].lower()}{how[1:]}"]
+        else:
+            parts.append("Figure: not drawn.")
+    for name in figures:
+        if name not in _FIGURES:
+            title = _text(name.replace("_", " "))
+            parts += [f"## {title[:1].upper()}{title[1:]}", f"![{title}]({figures[name]})"]
+    return parts
+
+
+def _guarantees(metrics: Mapping[str, Any]) -> list[str]:
+    run = _at(metrics, "run")
+    margin = run.get("margin_mm")
+    kept = f"at least {_plain(margin)} mm" if _is_number(margin) else "a margin (not stated)"
+    return [
+        "## What is guaranteed, and what is not",
+        "- Guaranteed: every single pose that S3LE, LWL2 or brute force returns is a stored pose, "
+        "and each stored pose was checked one by one: all joints within their limits, and "
+        f"{kept} of clearance over all {_count(run.get('pairs_watched'))} watched pairs of "
+        "the robot's collision bodies.\n"
+        "- Not yet guaranteed: the way from one pose to the next. Between two safe poses the robot "
+        "may pass through one that collides, and nothing here bounds its speed.\n"
+        "- Not guaranteed: ALE's poses; pairs of bodies that are not watched; balance; the real "
+        "robot where it differs from its collision bodies; and that a pose resembles the human.",
+    ]
+
+
+def _data(metrics: Mapping[str, Any]) -> list[str]:
+    clips = _at(metrics, "clips")
+    rows = [
+        [_text(name), _count(split.get("clips")), _count(split.get("frames"))]
+        + [_count(split.get(key)) for key, _ in _CAUSES]
+        for name, split in clips.items()
+    ]
+    dropped = (
+        [
+            _table(["split", "motions", "frames kept", *[words for _, words in _CAUSES]], rows),
+            "How to read it: the last four columns count frames that were dropped, each under "
+            "the reason why.",
+        ]
+        if rows
+        else [f"Frames kept and dropped: {MISSING}."]
+    )
+    domain, pairs = _at(metrics, "domain"), _at(metrics, "pairs")
+    sampling, poses = _at(metrics, "sampling"), _at(metrics, "poses")
+    total = sampling.get("rows")
+    moved = sampling.get("moved_mean_rad")
+    turned = f"{_plain(moved)} rad" + (
+        f" ({math.degrees(moved):.1f}°)" if _is_number(moved) else ""
+    )
+    facts = [
+        ("skeletons to learn from: raw", _count(domain.get("raw"))),
+        ("skeletons to learn from: mirrored", _count(domain.get("mirrored"))),
+        ("skeletons to learn from: with noise", _count(domain.get("noisy"))),
+        ("pairs of human and robot", _count(pairs.get("rows"))),
+        ("of these colliding before projection", _of(pairs.get("collided"), pairs.get("rows"))),
+        ("sampled poses", _count(total)),
+        ("of these feasible as drawn", _of(sampling.get("feasible"), total)),
+        ("of these projected by the solver", _of(sampling.get("solved"), total)),
+        ("of these projected by the fallback", _of(sampling.get("fallback"), total)),
+        ("mean change in q by projection", turned),
+        ("robot poses", _count(poses.get("rows"))),
+        ("share of draws accepted as robot poses", _rate(poses.get("accepted_share"))),
+    ]
+    return [
+        "## Frames kept and dropped",
+        *dropped,
+        "## What the training saw, and what projection did",
+        _table(["", ""], [[name, value] for name, value in facts]),
+        "How to read it: projection moves a drawn pose to the nearest one found that is safe. "
+        "The fallback is the poorer way, taken where the solver does not get there; it should "
+        "be rare.",
+    ]
+
+
+def _training(training: Mapping[str, list[Mapping[str, float]]]) -> list[str]:
+    parts = ["## Training"]
+    rows = []
+    order = [key for key in style.TRAINED if key in training]
+    for method in order + [key for key in training if key not in order]:
+        history = training[method]
+        if not history:
+            rows.append([_text(style.TRAINED.get(method, method)), MISSING, MISSING])
+            continue
+        first, last = history[0], history[-1]
+        terms = [
+            f"{_text(TERMS[key][0] if key in TERMS else key.replace('_', ' '))} "
+            f"{_plain(first.get(key))} to {_plain(last[key])}"
+            for key in [*TERMS, *[key for key in last if key not in TERMS]]
+            if key in last and key != "step"
+        ]
+        label = _text(style.TRAINED.get(method, method))
+        rows.append([label, _count(last.get("step")), "; ".join(terms)])
+    if not rows:
+        return [*parts, f"Training: {MISSING}."]
+    return [
+        *parts,
+        _table(["method", "steps", "loss terms, first to last row of the history"], rows),
+        "How to read it: a term that ends where it began was not learned.",
+    ]
+
+
+def _timing(timing: Mapping[str, float]) -> list[str]:
+    if not timing:
+        return ["## Time", f"Time: {MISSING}."]
+    rows = [[_text(stage), _seconds(seconds)] for stage, seconds in timing.items()]
+    known = [seconds for seconds in timing.values() if _is_number(seconds)]
+    rows.append(["**together**", _seconds(sum(known) if len(known) == len(timing) else None)])
+    return [
+        "## Time",
+        _table(["stage", "wall time"], rows),
+        "How to read it: wall time on the machine at hand; the only numbers on this page that "
+        "change when the same run is repeated.",
+    ]
+
+
+def _table(titles: list[str], rows: list[list[str]]) -> str:
+    lines = [titles, ["---"] + ["---:" if len(titles) > 3 else "---"] * (len(titles) - 1), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _at(tree: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """A branch of the metrics; an empty one where it is missing."""
+    branch = tree.get(key)
+    return branch if isinstance(branch, Mapping) else {}
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _text(value: object) -> str:
+    """Words from outside, unable to break a table."""
+    return MISSING if value is None else " ".join(str(value).split()).replace("|", "\\|")
+
+
+def _count(value: object) -> str:
+    return f"{value:,.0f}" if _is_number(value) else MISSING
+
+
+def _of(value: object, total: object) -> str:
+    if not (_is_number(value) and _is_number(total) and total > 0):
+        return _count(value)
+    return f"{value:,.0f} ({_rate(value / total)})"
+
+
+def _distance(value: object) -> str:
+    return f"{value:.3f}" if _is_number(value) else MISSING
+
+
+def _plain(value: object) -> str:
+    return f"{value:.3g}" if _is_number(value) else MISSING
+
+
+def _rate(value: object) -> str:
+    """A share in percent; only an exact zero (or one) reads as 0 (or 100)."""
+    if not _is_number(value):
+        return MISSING
+    if value in (0, 1):
+        return f"{100 * value:.0f} %"
+    if 0 < value < 0.0005:
+        return "< 0.1 %"
+    return "> 99.9 %" if 0.9995 < value < 1 else f"{100 * value:.1f} %"
+
+
+def _degrees(distance: float) -> str:
+    return f"{math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - distance)))):.0f}°"
+
+
+def _listed(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+
+
+def _seconds(value: object) -> str:
+    if not _is_number(value):
+        return MISSING
+    return f"{value:.1f} s" if value < 120 else f"{value / 60:.1f} min"

@@ -1,0 +1,52 @@
+import csv
+from pathlib import Path
+
+import pytest
+from handmade import SHARED, table
+
+from s3le.errors import ClipError, FetchError
+from s3le.mocap import sources
+
+CLIPS = Path(__file__).parents[1] / "data" / "clips"
+COLUMNS = "trial,description,fps,split,sha256,asf_sha256"
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        (("../../x", "d", 120, "train", "", ""), r":3: '../../x' is no name of a clip"),
+        (("01_01", "d", 120, "train", "", ""), ":3: '01_01' is there twice"),
+        (("01_02", "d", 120, "training", "", ""), ":3: split must be one of train, test"),
+        (("01_02", "d", 120, "train", "beef", ""), ":3: 'beef' is no sha256"),
+        (("01_02", "d", 120, "train", ""), ":3: a row has 6 values"),
+        (("01_02", "d", 120, "train", "", "", ""), ":3: a row has 6 values"),
+    ],
+)
+def test_a_faulty_manifest_is_refused_with_its_line(tmp_path, row, why):
+    path = table(tmp_path / "m.csv", COLUMNS, ("01_01", "d", 120, "train", "", ""), row)
+    with pytest.raises(ClipError, match=why):
+        sources.cmu(path, tmp_path / "c", tmp_path)
+
+
+def test_other_columns_are_refused(tmp_path):
+    path = table(tmp_path / "m.csv", "trial,fps", ("01_01", 120))
+    with pytest.raises(ClipError, match="m.csv:1: columns must be trial,description,fps"):
+        sources.cmu(path, tmp_path / "c", tmp_path)
+
+
+def test_the_projects_lists_hold_the_clips_they_promise(tmp_path):
+    rows = list(csv.DictReader((CLIPS / "cmu" / "manifest.csv").read_text().splitlines()))
+    count = {split: sum(r["split"] == split for r in rows) for split in sources.SPLITS}
+    assert count == {"train": 10, "test": 27, "heldout": 17}
+    assert {r["trial"]: r["fps"] for r in rows}["79_51"] == "60"
+    rows = list(csv.DictReader((CLIPS / "demo" / "manifest.csv").read_text().splitlines()))
+    assert [sum(r["split"] == s for r in rows) for s in ("train", "test")] == [10, 5]
+    with pytest.raises(FetchError, match="54 of 54 trials cannot be had"):
+        sources.cmu(CLIPS / "cmu" / "manifest.csv", tmp_path, tmp_path)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the real clips beside the project")
+def test_the_projects_training_trials_are_the_files_listed(tmp_path):
+    manifest = CLIPS / "cmu" / "manifest.csv"
+    found = sources.cmu(manifest, tmp_path, SHARED / "cmu", splits=("train", "heldout"))
+    assert len(found.clips) == 27 and found.left_out == []

@@ -1,0 +1,414 @@
+"""Figures and the page: right size, same bytes twice, odd input, and not a number invented."""
+
+import math
+import struct
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+
+from s3le.errors import ParameterError
+from s3le.report import bars, curves, page, solid, strip, style
+from s3le.robot import model
+from s3le.robot.certificate import placements
+
+ROOT = Path(__file__).parents[1]
+METHODS = list(style.METHODS)
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    """Width and height of a PNG [pixels], its signature checked."""
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert b"Software" not in data and b"tIME" not in data and b"tEXt" not in data
+    return struct.unpack(">II", data[16:24])
+
+
+def twice(folder: Path, draw) -> tuple[int, int]:
+    """Draw the same picture two times; its size once the bytes are known to agree."""
+    first, second = folder / "deep" / "first.png", folder / "second.png"
+    draw(first)
+    draw(second)
+    assert first.read_bytes() == second.read_bytes()
+    assert not list(folder.rglob("*.part"))
+    return size_of(first)
+
+
+def rows_of(split: str, n: int, methods=METHODS) -> list[dict]:
+    return [
+        {
+            "split": split,
+            "clip": f"motion_{i:02d}",
+            "method": key,
+            "to_truth": 0.02 * (1 + k) + 0.001 * i,
+            "to_human": 0.1,
+            "frames": 30,
+        }
+        for i in range(n)
+        for k, (key, _) in enumerate(methods)
+    ]
+
+
+@pytest.fixture(scope="module")
+def coman():
+    """Skeletons (3, 21), capsule ends (3, b, 2, 3), radii, who stands still; not compiled."""
+    robot = model.load(ROOT / "data/robots/coman.yaml")
+    rng = np.random.default_rng(3)
+    q = np.stack([robot.anchor, np.zeros(robot.n_dof), rng.uniform(robot.lower, robot.upper)])
+    half = [np.linalg.norm(body.b - body.a) / 2 for body in robot.bodies]
+    ends = np.array(
+        [
+            [
+                [at.getTranslation() + side * h * at.getRotation()[:, 2] for side in (-1, 1)]
+                for at, h in zip(placements(robot, pose), half, strict=True)
+            ]
+            for pose in q
+        ]
+    )
+    up, left = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    t_pose = np.concatenate([up, *[-left] * 3, *[left] * 3])
+    hanging = np.concatenate([up, -left, *[-up] * 2, left, *[-up] * 2])
+    still = np.array([body.joint == -1 for body in robot.bodies])
+    radius = np.array([body.radius for body in robot.bodies])
+    return np.stack([t_pose, hanging, t_pose]), ends, radius, still
+
+
+# --- style
+
+
+def test_every_method_has_one_colour_of_its_own():
+    keys = [key for key, _ in METHODS] + ["truth"]
+    assert len({style.colour(key) for key in keys}) == len(keys)
+
+
+def test_drawing_leaves_the_settings_of_others_alone(tmp_path):
+    before = dict(matplotlib.rcParams)
+    curves.draw(tmp_path / "a.png", {})
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_a_users_settings_do_not_change_the_picture(tmp_path):
+    rows = rows_of("test", 1)
+    bars.draw(tmp_path / "a.png", rows, METHODS, "t")
+    with matplotlib.rc_context({"font.size": 20, "axes.facecolor": "red", "savefig.dpi": 30}):
+        bars.draw(tmp_path / "b.png", rows, METHODS, "t")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_a_failed_save_leaves_the_old_picture_and_no_scrap(tmp_path, monkeypatch):
+    path = tmp_path / "a.png"
+    path.write_bytes(b"old")
+
+    def refuse(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(style.os, "replace", refuse)
+    with pytest.raises(OSError, match="disk full"):
+        curves.draw(path, {})
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+
+
+# --- bars
+
+
+@pytest.mark.parametrize(("n", "widest"), [(1, 1300), (5, 1300), (44, 2400)])
+def test_bars_grow_with_the_motions_and_stay_printable(tmp_path, n, widest):
+    width, height = twice(
+        tmp_path, lambda path: bars.draw(path, rows_of("test", n), METHODS, "COMAN")
+    )
+    assert 1000 < width <= widest
+    assert 300 < height < 2400
+
+
+def test_bars_show_a_missing_value_as_missing(tmp_path):
+    rows = rows_of("test", 2)
+    bars.draw(tmp_path / "whole.png", rows, METHODS, "t")
+    for bad in (None, math.nan):
+        rows[3]["to_truth"] = bad
+        bars.draw(tmp_path / f"{bad}.png", rows, METHODS, "t")
+    assert (tmp_path / "None.png").read_bytes() == (tmp_path / "nan.png").read_bytes()
+    assert (tmp_path / "None.png").read_bytes() != (tmp_path / "whole.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("rows", "methods"),
+    [
+        ([], METHODS),
+        (rows_of("test", 2), []),
+        (rows_of("test", 1) + rows_of("held $out_", 3), [("new", "a $new_ method"), *METHODS[:1]]),
+        ([{"split": "test", "clip": "x" * 90, "method": "s3le", "to_truth": 0.0}], METHODS),
+    ],
+    ids=["no motions", "no methods", "unknown method", "long name, perfect, frames unknown"],
+)
+def test_bars_take_odd_input(tmp_path, rows, methods):
+    twice(tmp_path, lambda path: bars.draw(path, rows, methods, "t"))
+
+
+# --- curves
+
+
+def test_curves_draw_a_panel_for_each_method(tmp_path):
+    rng = np.random.default_rng(0)
+    history = [
+        {"step": step, "recon_x": 4 * math.exp(-step / 300), "prior_x": rng.normal(0, 0.01)}
+        for step in range(50, 1001, 50)
+    ]
+    one, _ = twice(tmp_path, lambda path: curves.draw(path, {"s3le": history}))
+    three, _ = twice(
+        tmp_path, lambda path: curves.draw(path, dict.fromkeys(("ale", "lwl2", "s3le"), history))
+    )
+    assert three > 2 * one
+
+
+@pytest.mark.parametrize(
+    "histories",
+    [
+        {},
+        {"s3le": []},
+        {"s3le": [{"step": 50, "recon_x": 1.0}]},
+        {"s3le": [{"step": 50, "recon_x": math.nan}, {"step": 100}]},
+        {"mine": [{"step": s, "odd_term": float(s), "zero": 0.0} for s in (1, 10, 100)]},
+    ],
+    ids=["none", "empty", "one row", "nothing finite", "unknown names"],
+)
+def test_curves_take_odd_input(tmp_path, histories):
+    twice(tmp_path, lambda path: curves.draw(path, histories))
+
+
+# --- solids
+
+
+def test_camera_is_a_rotation_and_sees_the_front_from_its_left_and_above():
+    turn = solid.camera()
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+    x, y, z = turn.T  # where forward, left and up point in the picture
+    assert x[2] > 0.8 and y[0] > 0.8 and z[1] > 0.8  # to the viewer, to the right, up
+    assert y[2] > 0 and z[2] > 0  # its left side and its top are turned towards the viewer
+
+
+def test_ray_hits_a_capsule_where_the_nearest_of_many_balls_is():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        a, b = rng.normal(0, 0.3, (2, 3))
+        r = rng.uniform(0.05, 0.2)
+        u, v = np.linspace(-0.7, 0.7, 23), np.linspace(0.7, -0.7, 19)
+        depth, normal = solid._hit(a, b, r, u, v)
+        centres = a + np.linspace(0, 1, 2001)[:, None] * (b - a)
+        gap = (
+            r**2 - (u[None, :, None] - centres[:, 0]) ** 2 - (v[:, None, None] - centres[:, 1]) ** 2
+        )
+        slow = np.where(gap >= 0, centres[:, 2] + np.sqrt(np.maximum(gap, 0)), -np.inf).max(axis=2)
+        both = np.isfinite(depth) & np.isfinite(slow)
+        assert (np.isfinite(depth) == np.isfinite(slow)).mean() > 0.99  # rims may differ
+        # [m] the row of balls is a little inside the capsule, most where a ray grazes it
+        assert np.all(depth[both] >= slow[both] - 1e-9)
+        assert np.median(np.append(depth[both] - slow[both], 0.0)) < 1e-4
+        np.testing.assert_allclose(np.linalg.norm(normal[both], axis=-1), 1.0, atol=1e-6)
+
+
+def test_nearer_body_hides_the_farther_one():
+    towards = solid.camera()[2]
+    ends = np.array([[towards * 0.5] * 2, [towards * -0.5] * 2])
+    red, green = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    for order in (slice(None), slice(None, None, -1)):
+        colours = np.array([red, green])[order]
+        picture = solid.render(
+            ends[order], np.array([0.2, 0.2]), colours, (-0.3, 0.3), 100, (60, 60)
+        )
+        centre = picture[30, 30].astype(int)
+        assert centre[0] > centre[1] + 50
+        assert picture[0, 0].tolist() == [255, 255, 255]
+
+
+def test_body_outside_the_picture_is_left_out():
+    far = np.full((1, 2, 3), 50.0)
+    picture = solid.render(far, np.array([0.1]), np.array([[1.0, 0, 0]]), (0.0, 0.0), 50, (20, 30))
+    assert picture.shape == (20, 30, 3) and (picture == 255).all()
+
+
+# --- strip
+
+
+def test_stick_figure_follows_the_skeleton(coman):
+    x = coman[0][0]
+    ends, radius, colours = strip.stick_figure(x)
+    assert len(ends) == len(radius) == len(colours)
+    trunk, *_ = (e for e, c in zip(ends, colours, strict=True) if c == strip.MIDDLE)
+    np.testing.assert_allclose(trunk[1] - trunk[0], strip.TRUNK * x[:3], atol=1e-12)
+    left = [e for e, c in zip(ends, colours, strict=True) if c == strip.LEFT]
+    np.testing.assert_allclose(left[2][1] - left[2][0], strip.FOREARM * x[18:], atol=1e-12)
+    assert left[2][1][1] > 0.5  # [m] in the T-pose the left hand is far to the left
+
+
+def test_strip_of_human_and_robots(tmp_path, coman):
+    x, ends, radius = coman[0][1:], coman[1][1:], coman[2]
+    marked = np.array([False, True])
+    rows = [
+        strip.Row("human", skeleton=x),
+        strip.Row("ground truth", ends=ends, radius=radius, colour=style.colour("truth")),
+        strip.Row("ALE", ends=ends, radius=radius, marked=marked, note=["a", "b"]),
+    ]
+    width, height = twice(
+        tmp_path, lambda path: strip.draw(path, np.array([0.0, 0.5]), rows, "two poses")
+    )
+    assert 700 < width < 2200 and 700 < height < 2200
+
+
+def test_a_collision_is_seen_in_the_picture(tmp_path, coman):
+    row = strip.Row("ALE", ends=coman[1][:1], radius=coman[2])
+    for hit in (False, True):
+        rows = [row._replace(marked=np.array([hit]))]
+        strip.draw(tmp_path / f"{hit}.png", np.zeros(1), rows, "t")
+    assert (tmp_path / "True.png").read_bytes() != (tmp_path / "False.png").read_bytes()
+
+
+def test_bodies_that_never_move_are_the_ones_that_stand_still(coman):
+    _, ends, radius, still = coman
+    row = strip.Row("robot", ends=ends, radius=radius)
+    np.testing.assert_array_equal(strip._still(row), still)
+    assert not strip._still(row._replace(ends=ends[:1])).any()  # one pose does not tell
+    np.testing.assert_array_equal(strip._still(row._replace(ends=ends[:1], still=still)), still)
+
+
+def test_strip_takes_one_moment_a_missing_pose_and_nothing(tmp_path, coman):
+    x, ends, radius, still = coman
+    lost = ends[:1].copy()
+    lost[0, 4] = np.nan
+    rows = [
+        strip.Row("human", skeleton=x[:1]),
+        strip.Row("found", ends=ends[:1], radius=radius, still=still),
+        strip.Row("lost", ends=lost, radius=radius),
+    ]
+    times = np.array([2.0])
+    twice(tmp_path, lambda path: strip.draw(path, times, rows, "a title that is rather long " * 5))
+    nobody = strip.Row("human", skeleton=np.full((1, 21), np.nan))
+    for some in (rows[2:], [nobody], []):
+        twice(tmp_path, lambda path, some=some: strip.draw(path, times, some, "t"))
+    empty = strip.Row("human", skeleton=np.zeros((0, 21)))
+    twice(tmp_path, lambda path: strip.draw(path, np.zeros(0), [empty], "t"))
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({}, "strip row 'bad' needs either a skeleton or capsule ends"),
+        ({"skeleton": np.zeros((1, 21)), "ends": np.zeros((1, 2, 2, 3))}, "either"),
+        ({"skeleton": np.zeros((2, 21))}, r"must have shape \(1, 21\), got \(2, 21\)"),
+        ({"ends": np.zeros((1, 2, 2, 3)), "radius": np.ones(3)}, r"got \(1, 2, 2, 3\) and \(3,\)"),
+        ({"ends": np.zeros((1, 2, 2, 3))}, r"radius \(b,\)"),
+        ({"skeleton": np.zeros((1, 21)), "marked": np.zeros(2, bool)}, "marked must have 1"),
+        ({"skeleton": np.zeros((1, 21)), "note": []}, "note must have 1 entries, got 0"),
+    ],
+)
+def test_a_row_that_does_not_fit_is_refused_by_name(tmp_path, fields, message):
+    with pytest.raises(ParameterError, match=message):
+        strip.draw(tmp_path / "a.png", np.array([0.0]), [strip.Row("bad", **fields)], "t")
+    assert not list(tmp_path.iterdir())
+
+
+# --- page
+
+
+def method(to_truth, pool, collision_rate=0.0):
+    return {"to_truth": to_truth, "to_human": to_truth + 0.0111, "collision_rate": collision_rate,
+            "limit_rate": 0.0, "pool": pool}  # fmt: skip
+
+
+def metrics() -> dict:
+    dropped = {"dropped_tilt": 3, "dropped_pelvis": 41, "dropped_bone": 5, "dropped_not_finite": 6}
+    return {
+        "run": {"robot": "coman", "clips": "demo", "n_dof": 11, "pairs_watched": 378,
+                "margin_mm": 2.0},
+        "clips": {"train": {"clips": 10, "frames": 923, **dropped}},
+        "domain": {"raw": 9001, "mirrored": 9002, "noisy": 81997},
+        "pairs": {"rows": 1008, "collided": 252},
+        "sampling": {"rows": 100000, "feasible": 1200, "solved": 98000, "fallback": 800,
+                     "moved_mean_rad": 0.4321},
+        "poses": {"rows": 30000, "accepted_share": 0.215},
+        "splits": {
+            "test": {
+                "clips": 5,
+                "frames": 512,
+                "truth": {"to_human": 0.0123, "collision_rate": 0.0},
+                "methods": {
+                    "s3le": method(0.06, 131008),
+                    "lwl2": method(0.12, 31008),
+                    "ale": method(0.15, None, 0.249),
+                    "skeleton_all": method(0.04, 131008),
+                },
+            }
+        },
+    }  # fmt: skip
+
+
+def line_of(text: str, start: str) -> str:
+    return next(line for line in text.splitlines() if line.startswith(f"| {start} |"))
+
+
+def test_page_holds_the_numbers_it_was_given():
+    history = [{"step": 50, "recon_x": 4.0}, {"step": 3950, "recon_x": 0.31}]
+    text = page.markdown(
+        metrics(), {"s3le": history}, {"sample": 33.2, "train": 400.0}, {"strip": "figures/s.png"}
+    )
+    assert line_of(text, "S3LE") == "| S3LE | 0.060 | 0.071 | 0 % | 0 % | 131,008 | 0.040 |"
+    assert line_of(text, "ALE") == "| ALE | 0.150 | 0.161 | 24.9 % | 0 % | - | - |"
+    assert (
+        line_of(text, "ground truth") == "| ground truth | - | 0.012 | 0 % | not measured | - | - |"
+    )
+    assert "| train | 10 | 923 | 3 | 41 | 5 | 6 |" in text
+    for piece in ("512 frames", "378", "252 (25.0 %)", "98,000 (98.0 %)", "0.432 rad (24.8°)",
+                  "21.5 %", "81,997", "skeletons rebuilt 4 to 0.31", "3,950", "33.2 s", "6.7 min",
+                  "![Snapshots](figures/s.png)", "0.1 is 26°", "at least 2 mm"):  # fmt: skip
+        assert piece in text
+    assert "0.50 times LWL2's (with robot poses)" in text
+    assert "1.50 times that of brute force" in text
+    assert "must not happen" not in text
+    assert text.endswith("\n") and text == page.markdown(
+        metrics(), {"s3le": history}, {"sample": 33.2, "train": 400.0}, {"strip": "figures/s.png"}
+    )
+
+
+def test_page_says_what_was_not_measured():
+    text = page.markdown(metrics(), {}, {}, {})
+    assert line_of(text, "LWL2, pairs only").count("not measured") == 6
+    assert line_of(text, "LWL2, pairs + robot poses").endswith("| not measured |")
+    assert "Training: not measured." in text and "Time: not measured." in text
+    assert text.count("Figure: not drawn.") == 3
+
+
+def test_page_of_nothing_invents_nothing():
+    text = page.markdown({}, {}, {}, {})
+    assert "Results: not measured." in text
+    table = [line for line in text.splitlines() if line.startswith("| ")]
+    values = [cell for line in table for cell in line.strip("| ").split(" | ")[1:]]
+    assert not any(letter.isdigit() for value in values for letter in value)
+    assert " nan" not in text and "None" not in text
+
+
+def test_page_raises_the_alarm_when_a_checked_pose_collides():
+    broken = metrics()
+    broken["splits"]["test"]["methods"]["s3le"]["collision_rate"] = 0.00001
+    text = page.markdown(broken, {}, {}, {})
+    assert "This must not happen" in text
+    assert "S3LE (collisions in < 0.1 % of the frames)" in text
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [(0.0, "0 %"), (1e-9, "< 0.1 %"), (0.031, "3.1 %"), (0.99999, "> 99.9 %"), (1.0, "100 %"),
+     (None, "not measured"), (math.nan, "not measured")],
+)  # fmt: skip
+def test_only_an_exact_zero_reads_as_zero(share, words):
+    assert page._rate(share) == words
+
+
+def test_a_name_cannot_break_a_table():
+    odd = metrics()
+    odd["clips"] = {"a|b\nc": {"clips": 1}}
+    odd["splits"]["test"]["methods"]["mine|"] = {}
+    text = page.markdown(odd, {}, {}, {})
+    assert "| a\\|b c | 1 | not measured |" in text
+    assert "| mine\\| | not measured |" in text
