@@ -61,12 +61,13 @@ def _gather(rows: list[dict[str, Any]], keys: list[str]) -> list[_Split]:
     splits = []
     for name in dict.fromkeys(row["split"] for row in rows):
         own = [row for row in rows if row["split"] == name]
-        clips = list(dict.fromkeys(row["clip"] for row in own))
+        clips = list(dict.fromkeys(str(row["clip"]) for row in own))
         value = {}
         for row in own:
             got = row.get("to_truth")
-            if row["method"] in keys and got is not None and np.isfinite(got):
-                value[row["clip"], row["method"]] = float(got)
+            known = isinstance(got, (int, float)) and np.isfinite(got)
+            if row["method"] in keys and known:
+                value[str(row["clip"]), row["method"]] = float(got)
         counts = {row["clip"]: row.get("frames") for row in own}
         known = all(count is not None for count in counts.values())
         splits.append(_Split(str(name), clips, value, sum(counts.values()) if known else None))

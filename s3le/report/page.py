@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from s3le.methods import ENTRIES
 from s3le.report import style
 from s3le.report.curves import TERMS
 
@@ -21,13 +22,19 @@ _CAUSES = (
     ("dropped_bone", "bone without length"),
     ("dropped_not_finite", "not a finite number"),
 )
-_LOOKUPS = tuple(key for key, _ in style.METHODS if key != "ale")  # answer with stored poses
+_LOOKUPS = tuple(key for key, entry in ENTRIES.items() if entry.pool)  # answer with stored poses
+_ALARMS = (
+    ("collision_rate", "collisions"),
+    ("below_margin_rate", "too little clearance"),
+    ("limit_rate", "broken limits"),
+)
 _FIGURES = {
     "bars": (
         "Motion by motion",
-        "Each bar is one method on one motion, the grey band their mean; a short upright line is "
-        "brute force over the same stored poses. Shorter is better; the scale above the bars "
-        "turns a distance into degrees.",
+        "Each bar is one method on one motion, the grey band their mean, in which every motion "
+        "counts once (in the tables every frame does); a short upright line is "
+        "brute force for the nearest skeleton among the same stored poses. Shorter is better; the "
+        "scale above the bars turns a distance into degrees.",
     ),
     "strip": (
         "Snapshots",
@@ -53,8 +60,9 @@ def markdown(
 
     Args:
         metrics: the run's merged metrics, any part of which may be missing: "run", "clips",
-            "domain", "pairs", "sampling", "poses", "splits". Distances are mean cosine distances
-            [-], rates shares in [0, 1], pools numbers of poses, "margin_mm" [mm],
+            "domain", "pairs", "sampling", "poses", "splits". Distances are cosine distances [-],
+            mean over a split's frames; rates are shares in [0, 1]; a pool is a number of poses,
+            None or 0 for a method that stores none; "margin_mm" [mm],
             "moved_mean_rad" [rad], "accepted_share" a share in [0, 1], the rest counts.
         training: for each method its history, rows of "step" and loss terms [-]
             (as curves.draw takes it).
@@ -144,11 +152,12 @@ def _splits(splits: Mapping[str, Any]) -> list[str]:
             f"## Results on *{_text(name)}* ({_count(split.get('clips'))} motions, "
             f"{_count(split.get('frames'))} frames)",
             _table(titles, rows),
-            "How to read it: the first two columns are mean cosine distances, lower is better, "
-            "and the ground truth's own distance to the human is what the robot's body leaves "
-            "no way around; collisions and beyond limits are shares of frames; the last column "
-            "is what a search without any learning, for the nearest skeleton among the same "
-            "stored poses, reaches against the ground truth.",
+            "How to read it: the first two columns are cosine distances, mean over all frames, "
+            "lower is better, and the ground truth's own distance to the human is what the "
+            "robot's body leaves no way around; collisions and beyond limits are shares of "
+            "frames; the last column is what a search without any learning, brute force for "
+            "the nearest skeleton among the same stored poses, reaches against the ground truth "
+            "(the rows *nearest skeleton* say more about it).",
             *_findings(methods, truth),
         ]
     return parts
@@ -158,7 +167,7 @@ def _method_row(key: str, label: str, methods: Mapping[str, Any]) -> list[str]:
     if key not in methods:
         return [label, *[MISSING] * 6]
     got = _at(methods, key)
-    pool = NONE if "pool" in got and got["pool"] is None else _count(got.get("pool"))
+    pool = NONE if "pool" in got and not got["pool"] else _count(got.get("pool"))
     if key in style.BRUTE_FORCE:
         same = _distance(_at(methods, style.BRUTE_FORCE[key]).get("to_truth"))
     else:
@@ -187,7 +196,7 @@ def _findings(methods: Mapping[str, Any], truth: Mapping[str, Any]) -> list[str]
         ratios = [
             f"{own / to_truth[key]:.2f} times {words}"
             for key, words in (
-                ("lwl2_pairs", "LWL2's (pairs only)"),
+                ("lwl2_pairs", "LWL2's (mocap pairs)"),
                 ("lwl2", "LWL2's (with robot poses)"),
                 ("ale", "ALE's"),
                 ("skeleton_all", "that of brute force over the same poses"),
@@ -200,7 +209,7 @@ def _findings(methods: Mapping[str, Any], truth: Mapping[str, Any]) -> list[str]
         f"{label} ({what} in {_rate(_at(methods, key).get(rate))} of the frames)"
         for key, label in style.METHODS
         if key in _LOOKUPS
-        for rate, what in (("collision_rate", "collisions"), ("limit_rate", "broken limits"))
+        for rate, what in _ALARMS
         if _is_number(_at(methods, key).get(rate)) and _at(methods, key)[rate] > 0.0
     ]
     if broken:
@@ -326,7 +335,7 @@ def _training(training: Mapping[str, list[Mapping[str, float]]]) -> list[str]:
 
 def _timing(timing: Mapping[str, float]) -> list[str]:
     if not timing:
-        return ["## Time", f"Time: {MISSING}."]
+        return ["## Time", "Time: not stated here."]
     rows = [[_text(stage), _seconds(seconds)] for stage, seconds in timing.items()]
     known = [seconds for seconds in timing.values() if _is_number(seconds)]
     rows.append(["**together**", _seconds(sum(known) if len(known) == len(timing) else None)])

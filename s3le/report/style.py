@@ -15,6 +15,8 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from s3le.methods import ENTRIES
+
 COLOURS = {
     "truth": "#4d4d4d",
     "ale": "#CC79A7",
@@ -27,21 +29,10 @@ COLOURS = {
 }
 SPARE = ("#009E73", "#56B4E9", "#8c6d31", "#7f7f7f")  # for methods without a colour of their own
 
-METHODS = (  # every row a table may have, in reading order
-    ("ale", "ALE"),
-    ("lwl2_pairs", "LWL2, pairs only"),
-    ("lwl2", "LWL2, pairs + robot poses"),
-    ("s3le", "S3LE"),
-    ("skeleton_pairs", "skeleton brute force, pairs"),
-    ("skeleton_poses", "skeleton brute force, pairs + robot poses"),
-    ("skeleton_all", "skeleton brute force, S3LE's pool"),
-)
+METHODS = tuple((key, entry.label) for key, entry in ENTRIES.items())  # in reading order
 BRUTE_FORCE = {  # method -> brute-force search of the same pool
-    "lwl2_pairs": "skeleton_pairs",
-    "lwl2": "skeleton_poses",
-    "s3le": "skeleton_all",
+    key: entry.twin for key, entry in ENTRIES.items() if entry.twin
 }
-
 TRAINED = {"ale": "ALE", "lwl2": "LWL2", "s3le": "S3LE"}  # what one training makes
 
 INK = "#222222"
