@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from pipeline.stage import bar, knob, launch, read
+from pipeline.stage import bar, launch
 from s3le import comparison, machine, methods, splits, store
-from s3le.index import METRICS
 from s3le.tables.ground_truth import ground_truth
 from s3le.tables.index import index
 from s3le.tables.retargeted import retargeted
@@ -21,30 +20,29 @@ FIGURES = Path("data/counts")
 
 @dataclass(frozen=True, kw_only=True)
 class Params:
-    """How neighbours are measured."""
+    """Nothing to choose: an index says itself how it is searched."""
 
     section: ClassVar[str] = "evaluate"
-    metric: str = knob("distance between latents, d_Y of eq. (dlu)", one_of=METRICS)
 
 
 def main(name: str) -> None:
     """Retarget every test frame with one entry; check and score every pose."""
-    params = read(Params)
     entry = methods.entry(name)
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
     frames = store.read(SKELETONS, SKELETON_ROWS)
     truth = store.read(ground_truth(n_dof, robot.margin), TRUTH, robot.tag)
-    pool = None
+    pool = metric = None
     if entry.pool:
         stored = DATA / f"index-{name}.parquet"
-        pool = store.read(
-            index(n_dof, robot.margin, store.width(stored, "z", "index")), stored, robot.tag
-        )
+        stage = f"index@{name}"
+        metric = store.read_note(stored, "metric", stage)
+        latent = int(store.read_note(stored, "latent", stage))
+        pool = store.read(index(n_dof, robot.margin, latent), stored, robot.tag)
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
     with bar(2 * len(splits.test_rows(frames)), name) as progress:
         columns, figures = comparison.answer(
-            robot, name, entry, frames, truth, pool, model, params.metric, progress
+            robot, name, entry, frames, truth, pool, model, metric, progress
         )
     store.write(columns, retargeted(n_dof), DATA / f"retargeted-{name}.parquet", robot.tag)
     store.write_json(figures, FIGURES / f"evaluate-{name}.json")

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from pipeline.stage import launch
+from pipeline.stage import knob, launch, read
 from s3le import machine, methods, pool, store
+from s3le.index import METRICS
 from s3le.tables.index import index
 from s3le.tables.kinematic_pairs import kinematic_pairs
 from s3le.tables.mocap_pairs import mocap_pairs
@@ -22,13 +23,15 @@ TABLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Params:
-    """Nothing to choose: what is stored follows from the entry (s3le/methods.py)."""
+    """How neighbours are measured; what is stored follows from the entry (s3le/methods.py)."""
 
     section: ClassVar[str] = "index"
+    metric: str = knob("distance between latents, d_Y of eq. (dlu)", one_of=METRICS)
 
 
 def main(name: str) -> None:
     """Encode every pose of the entry's pool and store it with its latent."""
+    params = read(Params)
     entry = methods.entry(name)
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
@@ -39,7 +42,8 @@ def main(name: str) -> None:
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
     columns, latent = pool.stored(robot, entry, tables, model)
     table = index(n_dof, robot.margin, latent)
-    store.write(columns, table, DATA / f"index-{name}.parquet", robot.tag)
+    note = {"metric": params.metric, "latent": str(latent)}
+    store.write(columns, table, DATA / f"index-{name}.parquet", robot.tag, note)
 
 
 if __name__ == "__main__":

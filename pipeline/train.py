@@ -17,6 +17,7 @@ ROBOT = Path("data/robot")
 DATA = Path("data")
 CHECKPOINTS = Path("data/checkpoints")
 CURVES = Path("reports/training")
+CHECKPOINT_EVERY = 250  # steps; how often is no parameter, for it changes no result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,10 +34,7 @@ class Params:
     schedule: str = knob("of both learning rates", one_of=CHOICES["schedule"])
     warm_up: int = knob("steps of linear rise", at_least=0)
     weight_decay: float = knob("decoupled", at_least=0, at_most=1)
-    prior: str = knob("latent prior", one_of=CHOICES["prior"])
-    adversary_rate: float = knob("learning rate of the discriminators", at_least=1e-9, at_most=1)
     precision: str = knob("of matrix products", one_of=CHOICES["precision"])
-    checkpoint_every: int = knob("steps between checkpoints; 0: none", at_least=0)
     history_every: int = knob("steps averaged into one point of a curve", at_least=1)
 
 
@@ -56,6 +54,8 @@ class _Own:
 class _Wasserstein(_Own):
     """What the two methods with Wasserstein autoencoders set."""
 
+    prior: str = knob("latent prior", one_of=CHOICES["prior"])
+    adversary_rate: float = knob("learning rate of the discriminators", at_least=1e-9, at_most=1)
     prior_fit: str = knob("how the prior is fitted", one_of=CHOICES["prior_fit"])
     consensus_kind: str = knob("form of the consensus", one_of=CHOICES["consensus_kind"])
     reconstruct: str = knob("what x~ decodes to", one_of=CHOICES["reconstruct"])
@@ -95,7 +95,10 @@ def main(method: str) -> None:
     """Train one method: s3le, lwl2 or ale."""
     if method not in METHODS:
         raise ParameterError(f"no training '{method}'; there are: {', '.join(METHODS)}")
-    hyper = Training(**asdict(read(Params)) | asdict(read(METHODS[method])))
+    hyper = Training(
+        **asdict(read(Params)) | asdict(read(METHODS[method])),
+        checkpoint_every=CHECKPOINT_EVERY,
+    )
     robot = machine.read(ROBOT)
     n_dof, margin = robot.robot.n_dof, robot.margin
     sampled = None

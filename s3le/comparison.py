@@ -25,7 +25,7 @@ def answer(
     truth: Columns,
     pool: Columns | None,
     model: Path | None,
-    metric: str,
+    metric: str | None,
     progress: Progress | None = None,
 ) -> tuple[Columns, dict]:
     """Retarget every test frame with one entry, check and score what comes out.
@@ -37,7 +37,7 @@ def answer(
         truth: columns of table ground_truth, one row for each test frame, in the same order.
         pool: columns of table index; None for an entry that decodes.
         model: the trained model's file; None for an entry without one.
-        metric: index.METRICS.
+        metric: index.METRICS; None for an entry that decodes.
         progress: called with numbers of rows done, twice a row (answered, checked).
 
     Returns:

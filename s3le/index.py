@@ -35,9 +35,10 @@ def look_up(
             row = int(np.flatnonzero(~np.isfinite(z).all(axis=1))[0])
             raise ParameterError(f"{what} latent {row} is not finite")
     if metric == "cosine":
-        stored, queries = _normalised(stored), _normalised(queries)
+        stored, queries = normalised(stored), normalised(queries)
     return nearest(stored, queries, "l1" if metric == "l1" else "l2", progress)
 
 
-def _normalised(z: np.ndarray) -> np.ndarray:
+def normalised(z: np.ndarray) -> np.ndarray:
+    """Latents scaled to length 1; a zero latent stays zero."""
     return z / np.maximum(np.linalg.norm(z, axis=1, keepdims=True), 1e-12)

@@ -21,7 +21,11 @@ _ROBOT = b"s3le.robot"
 
 
 def write(
-    columns: Mapping[str, np.ndarray], table: Table, path: Path, robot: str | None = None
+    columns: Mapping[str, np.ndarray],
+    table: Table,
+    path: Path,
+    robot: str | None = None,
+    note: Mapping[str, str] | None = None,
 ) -> None:
     """Check columns against their contract and write them as one Parquet file.
 
@@ -30,6 +34,7 @@ def write(
         table: the contract.
         path: where; the folder is made if need be.
         robot: tag of the robot that the rows were made for (Machine.tag); wanted if table.robot.
+        note: further words for the file's metadata, see read_note.
 
     Raises:
         TableError: the rows break the contract (nothing is written).
@@ -47,6 +52,7 @@ def write(
         if not robot:
             raise TableError(f"{table.name}: cannot be written without naming its robot")
         about[_ROBOT.decode()] = robot
+    about |= {f"s3le.{key}": value for key, value in (note or {}).items()}
     rows = rows.cast(pa.schema(fields, about))
     replace(path, lambda part: pq.write_table(rows, part, compression="zstd"))
 
@@ -108,19 +114,19 @@ def read_frame(table: Table, path: Path, robot: str | None = None) -> pl.DataFra
     return frame
 
 
-def width(path: Path, column: str, stage: str) -> int:
-    """Length of the vectors in a column, from the file's schema alone.
+def read_note(path: Path, key: str, stage: str) -> str:
+    """A word that `write` was given for the file's metadata.
 
     Raises:
-        TableError: the file is missing, not Parquet, or has no such column of vectors.
+        TableError: the file is missing, not Parquet, or has no such note.
     """
     again = f"write it with: dvc repro {stage}"
     if not Path(path).is_file():
         raise TableError(f"{path} is missing; {again}")
     try:
-        return pq.read_schema(path).field(column).type.list_size
-    except (pa.ArrowException, OSError, KeyError, AttributeError) as error:
-        raise TableError(f"{path} has no vectors '{column}' ({error}); {again}") from None
+        return (pq.read_schema(path).metadata or {})[f"s3le.{key}".encode()].decode()
+    except (pa.ArrowException, OSError, KeyError) as error:
+        raise TableError(f"{path} has no note '{key}' ({error}); {again}") from None
 
 
 def write_json(tree: Mapping, path: Path) -> None:

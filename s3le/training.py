@@ -41,6 +41,7 @@ CHOICES = {
     "schedule": ("constant", "cosine"),
     "prior": PRIORS,
     "prior_fit": ("adversarial", "mmd", "none"),
+    "prior_rows": ("all", "tuples", "domain"),
     "consensus_kind": ("plain", "normalised"),
     "reconstruct": ("itself", "feasible"),
     "precision": ("float32", "bf16"),
@@ -69,6 +70,7 @@ class Training:
     tau: float = 1.0  # temperature of NT-Xent (paper)
     prior: str = "ball"  # uniform in the unit ball, or normal
     prior_fit: str = "adversarial"  # (paper), or mmd, or none
+    prior_rows: str = "all"  # rows that the prior is fitted to: tuples, domain data, or all
     adversary_rate: float = 2e-4  # learning rate of the discriminators
     weight_recon_x: float = 1.0  # of c in X (paper: 1)
     weight_recon_q: float = 1.0  # of c in Y (paper: 1)
@@ -134,11 +136,12 @@ def wae_terms(
     b = len(batch.x_relaxed)
     unit_q = model.joints.to_unit(torch.cat((batch.q_feasible, batch.robot_q)))
     seen = [batch.x_relaxed, batch.x_feasible] + ([batch.x_mixed] if hyper.mixup else [])
-    z_x = model.encoder_x(torch.cat((batch.mocap_x, *seen))).float()  # one pass for all skeletons
+    x = torch.cat((*seen[:1], batch.mocap_x, *seen[1:]))  # one pass for all skeletons
+    z_x = model.encoder_x(x).float()
     z_y = model.encoder_y(unit_q).float()  # and one for all poses
     m = len(batch.mocap_x)
-    z_relaxed, z_feasible, *z_mixed = z_x[m:].split(b)
-    wae_x, wae_y = z_x[: m + b], z_y  # rows of eq. (wae_loss)
+    z_relaxed, z_feasible, *z_mixed = torch.cat((z_x[:b], z_x[b + m :])).split(b)
+    wae_x, wae_y = z_x[: b + m], z_y  # rows of eq. (wae_loss), tuples first
     target = batch.x_relaxed if hyper.reconstruct == "itself" else batch.x_feasible
     terms = {}
 
@@ -147,18 +150,18 @@ def wae_terms(
     x_out = model.decoder_x(torch.cat(inward)).float()
     q_out = model.decoder_y(torch.cat(outward)).float()
     terms["recon_x"] = hyper.weight_recon_x * losses.reconstruction(
-        torch.cat((batch.mocap_x, target)), x_out[: m + b]
+        torch.cat((target, batch.mocap_x)), x_out[: b + m]
     )
     terms["recon_q"] = hyper.weight_recon_q * losses.reconstruction(unit_q, q_out[: len(unit_q)])
     if hyper.weight_q_to_x:
-        cross = losses.reconstruction(batch.x_feasible, x_out[m + b :])
+        cross = losses.reconstruction(batch.x_feasible, x_out[b + m :])
         terms["q_to_x"] = hyper.weight_q_to_x * cross
     if hyper.weight_x_to_q:
         cross = losses.reconstruction(unit_q[:b], q_out[len(unit_q) :])
         terms["x_to_q"] = hyper.weight_x_to_q * cross
 
     glue = losses.consensus if hyper.consensus_kind == "plain" else losses.consensus_normalised
-    z_tuples = z_x[m:]
+    z_tuples = torch.cat((z_relaxed, z_feasible, *z_mixed))
     z_pose = z_y[:b].repeat(len(seen), 1)
     terms["consensus"] = hyper.weight_consensus * glue(z_tuples, z_pose)
     if contrastive and hyper.weight_nt_xent:
@@ -167,7 +170,9 @@ def wae_terms(
 
     adversary = torch.zeros((), device=z_x.device)
     if hyper.prior_fit != "none" and hyper.beta:
-        for name, z in (("x", wae_x), ("y", wae_y)):
+        chosen = {"all": slice(None), "tuples": slice(0, b), "domain": slice(b, None)}
+        rows = chosen[hyper.prior_rows]
+        for name, z in (("x", wae_x[rows]), ("y", wae_y[rows])):
             prior = draw_prior(hyper.prior, len(z), hyper.latent, g)
             if hyper.prior_fit == "mmd":
                 spread = prior_spread(hyper.prior, hyper.latent)

@@ -1,0 +1,38 @@
+# Two commands: `make repro` runs the whole pipeline, `make test` runs the tests.
+# Both set up .venv by themselves; PIP_ARGS is passed to every pip call.
+PYTHON ?= python3
+PIP_ARGS ?=
+VENV := .venv
+READY := $(VENV)/ready
+RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
+
+.PHONY: repro test setup lint lock
+
+repro: setup
+	@$(RUN) dvc repro
+
+test: setup
+	@$(RUN) ruff check .
+	@$(RUN) pytest -q
+
+setup: $(READY)
+
+$(READY): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "make: $(PYTHON) is older than Python 3.11; name another: make PYTHON=python3.12" >&2; exit 1; }
+	@test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
+	@echo "setting up $(VENV): PyTorch, then the locked packages"
+	@$(RUN) $(VENV)/bin/python -m pip install -q $(PIP_ARGS) torch==2.13.0
+	@$(RUN) $(VENV)/bin/python -m pip install -q $(PIP_ARGS) -r requirements.lock
+	@$(RUN) $(VENV)/bin/python -m pip install -q $(PIP_ARGS) --no-deps -e .
+	@touch $@
+
+lint: setup
+	@$(RUN) ruff check .
+
+# Needs uv; CUDA packages stay out, so that the lock serves machines with and without a GPU.
+lock:
+	uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 \
+	  --no-header --no-annotate --no-emit-package torch -q -o requirements.new
+	{ sed -n '/^#/p' requirements.lock; grep -vE '^(nvidia-|triton|cuda-)' requirements.new; } \
+	  > requirements.tmp && mv requirements.tmp requirements.lock && rm requirements.new

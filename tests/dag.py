@@ -1,0 +1,36 @@
+"""The DAG as dvc.yaml has it: which stages read a key, and what reruns when they do."""
+
+from pathlib import Path
+
+from dvc.repo import Repo
+
+ROOT = Path(__file__).parents[1]
+
+
+def readers_and_reruns(root: Path) -> dict[str, tuple[set[str], set[str]]]:
+    """For every key that some stage declares: (stages that read it, stages that rerun).
+
+    A section counts as a key: a stage that declares `sample` reads all of it.
+    """
+    with Repo(str(root)) as repo:
+        reads: dict[str, set[str]] = {}
+        after: dict[str, set[str]] = {}
+        for stage in repo.index.stages:
+            after[stage.addressing] = {
+                later.addressing for later in repo.index.graph.predecessors(stage)
+            }
+            for dep in stage.params:
+                for key in dep.params:
+                    reads.setdefault(key, set()).add(stage.addressing)
+    return {key: (stages, closed(stages, after)) for key, stages in reads.items()}
+
+
+def closed(stages: set[str], after: dict[str, set[str]]) -> set[str]:
+    """Stages and all that follow them."""
+    seen, todo = set(), list(stages)
+    while todo:
+        stage = todo.pop()
+        if stage not in seen:
+            seen.add(stage)
+            todo += after[stage]
+    return seen

@@ -1,0 +1,217 @@
+"""The house rules: who may import whom, and does dvc.yaml tell the truth."""
+
+import ast
+from dataclasses import fields
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+from pipeline.stage import dvc_keys
+from pipeline.train import METHODS
+from s3le.methods import ENTRIES
+
+ROOT = Path(__file__).parents[1]
+STAGES = YAML(typ="safe").load(ROOT / "dvc.yaml")["stages"]
+PARAMS = YAML(typ="safe").load(ROOT / "params.yaml")
+FILES = sorted((ROOT / "s3le").rglob("*.py"))
+STAGE_MAY_IMPORT = {"collections", "dataclasses", "math", "pathlib", "typing", "s3le", "pipeline"}
+ROOM_OF = {  # a heavy dependency lives in one room
+    "pinocchio": ("s3le/robot/",),
+    "coal": ("s3le/robot/",),
+    "numba": ("s3le/kernels/",),
+    "torch": tuple(
+        f"s3le/{room}.py" for room in ("models", "losses", "batches", "training", "artifact")
+    ),
+    "safetensors": ("s3le/artifact.py",),
+    "polars": ("s3le/tables/", "s3le/store.py"),
+    "pyarrow": ("s3le/store.py",),
+    "matplotlib": ("s3le/report/",),
+    "ruamel": ("s3le/robot/description.py",),
+}
+# What each room must not reach, even through others: the arrows of the house.
+APART = [
+    ("s3le/robot/", {"torch", "numba", "polars", "matplotlib"}),
+    ("s3le/kernels/", {"torch", "polars", "matplotlib"}),
+    ("s3le/mocap/", {"torch", "numba", "pinocchio", "coal", "polars", "matplotlib"}),
+    ("s3le/report/", {"torch", "numba", "pinocchio", "coal", "polars"}),
+    ("s3le/training.py", {"numba", "pinocchio", "coal", "polars", "matplotlib"}),
+    ("s3le/store.py", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
+]
+
+
+def module_of(stage: str) -> str:
+    return f"pipeline.{stage}"
+
+
+def body_of(stage: str) -> dict:
+    entry = STAGES[stage]
+    return entry.get("do", entry)
+
+
+def listed(stage: str, what: str) -> list[str]:
+    """Paths or keys of a stage as seen from the project's folder."""
+    body = body_of(stage)
+    found = []
+    for item in body.get(what, []):
+        if isinstance(item, dict) and what == "params":
+            found += [key for keys in item.values() for key in keys]
+        else:
+            found.append(next(iter(item)) if isinstance(item, dict) else item)
+    wdir = body.get("wdir")
+    if not wdir or what == "params":
+        return found
+    return [str((ROOT / wdir / path).resolve().relative_to(ROOT)) for path in found]
+
+
+def file_of(module: str) -> Path | None:
+    base = ROOT.joinpath(*module.split("."))
+    return next((p for p in (base.with_suffix(".py"), base / "__init__.py") if p.is_file()), None)
+
+
+@cache
+def imported(path: Path) -> frozenset[str]:
+    """Every module a file may import, absolute imports only; relative ones are refused."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: write the import absolutely"
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return frozenset(names)
+
+
+def closure(module: str) -> set[Path]:
+    """Own-code files that running `python -m module` may execute."""
+    seen, todo = set(), [module]
+    while todo:
+        parts = todo.pop().split(".")
+        for depth in range(1, len(parts) + 1):
+            path = file_of(".".join(parts[:depth]))
+            if path and path not in seen:
+                seen.add(path)
+                todo += imported(path)
+    return seen
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_dvc_yaml_lists_exactly_the_code_that_a_stage_runs(stage):
+    code = {d for d in listed(stage, "deps") if d.startswith(("s3le", "pipeline"))}
+    runs = {str(path.relative_to(ROOT)) for path in closure(module_of(stage))}
+    covered = {f for f in runs if f in code or any(f.startswith(d + "/") for d in code)}
+    assert sorted(runs - covered) == [], f"add to deps of '{stage}'"
+    idle = {d for d in code if not any(f == d or f.startswith(d + "/") for f in runs)}
+    assert sorted(idle) == [], f"remove from deps of '{stage}'"
+
+
+@pytest.mark.parametrize("stage", sorted(STAGES.keys() - {"train"}))
+def test_dvc_yaml_lists_exactly_the_parameters_that_a_stage_reads(stage):
+    params = import_module(module_of(stage)).Params
+    assert params.section == stage
+    assert listed(stage, "params") == dvc_keys(params)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_each_training_lists_exactly_the_parameters_that_it_reads(method):
+    item = STAGES["train"]["foreach"][method]
+    keys = [
+        key.replace("${key}", method).replace("${item.tau}", item["tau"])
+        for key in listed("train", "params")
+    ]
+    params = import_module("pipeline.train").Params
+    assert sorted(set(keys)) == sorted(dvc_keys(params, METHODS[method]))
+
+
+def test_params_yaml_holds_every_key_once_and_no_other():
+    known = {}
+    for stage in STAGES:
+        module = import_module(module_of(stage))
+        for cls in [module.Params, *(METHODS.values() if stage == "train" else [])]:
+            for f in fields(cls):
+                if f.metadata["shared"]:
+                    known[f.name] = None
+                else:
+                    known.setdefault(cls.section, set()).add(f.name)
+    assert {k: set(v) if isinstance(v, dict) else None for k, v in PARAMS.items()} == known
+
+
+def test_every_key_of_params_yaml_has_a_sentence():
+    own = (
+        "steps",
+        "batch",
+        "weight",
+        "rows",
+        "prior_fit",
+        "consensus_kind",
+        "reconstruct",
+        "mixup",
+    )
+    for line in (ROOT / "params.yaml").read_text(encoding="utf-8").splitlines():
+        if line and not line.startswith("#") and ":" in line and not line.rstrip().endswith(":"):
+            repeated = line.strip().startswith(own)  # explained under s3le, where it first stands
+            assert "#" in line or repeated, f"params.yaml: no sentence beside {line.strip()!r}"
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_only_moves_data(stage):
+    roots = {name.split(".")[0] for name in imported(file_of(module_of(stage)))}
+    assert roots <= STAGE_MAY_IMPORT
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_says_what_it_is_for(stage):
+    assert body_of(stage)["desc"]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_heavy_dependencies_keep_to_their_room(path):
+    here = path.relative_to(ROOT).as_posix()
+    names = {name.split(".")[0] for name in imported(path)}
+    for name in names & ROOM_OF.keys():
+        assert here.startswith(ROOM_OF[name]), f"{here} imports {name}"
+    assert not names & {"pipeline", "dvc", "tqdm"}, f"{here} imports a tool of the stages"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_rooms_that_are_apart_do_not_reach_each_other(path):
+    here = path.relative_to(ROOT).as_posix()
+    module = here.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    for room, foreign in APART:
+        # kernels build their arrays from a robot, which pinocchio reads: that arrow is wanted.
+        if here.startswith(room):
+            reached = {name.split(".")[0] for file in closure(module) for name in imported(file)}
+            assert not reached & foreign, f"{here} reaches {sorted(reached & foreign)}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_files_can_be_read_in_one_sitting(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 420
+
+
+@pytest.mark.parametrize("path", sorted(p for p in FILES if p.name == "__init__.py"), ids=str)
+def test_front_doors_are_empty(path):
+    assert not imported(path)
+
+
+def test_the_entries_in_dvc_yaml_store_and_load_what_the_code_does():
+    index, evaluate = STAGES["index"]["foreach"], STAGES["evaluate"]["foreach"]
+    assert set(evaluate) == set(ENTRIES)
+    assert set(index) == {name for name, entry in ENTRIES.items() if entry.pool}
+    for name, entry in ENTRIES.items():
+        model = f"data/model-{entry.model}.safetensors"
+        if entry.pool:
+            given = set(index[name].values()) | {"data/mocap_pairs.parquet"}
+            needed = {f"data/{table}.parquet" for table in entry.pool}
+            assert given == needed | ({model} if entry.model else set())
+        needed = {f"data/index-{name}.parquet"} if entry.pool else set()
+        assert set(evaluate[name].values()) == needed | ({model} if entry.model else set())
+
+
+def test_every_stage_and_its_outputs_are_in_the_table_of_parameters():
+    text = (ROOT / "docs" / "parameters.md").read_text(encoding="utf-8")
+    for key, value in PARAMS.items():
+        for name in [f"{key}.{own}" for own in value] if isinstance(value, dict) else [key]:
+            assert f"`{name}`" in text, f"docs/parameters.md does not mention {name}"

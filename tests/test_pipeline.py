@@ -1,0 +1,254 @@
+"""The pipeline itself, run by dvc on a tiny configuration in a folder of its own.
+
+Clips are made here, so nothing is fetched: the paths of a run are what is tested, not its numbers.
+"""
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import handmade
+import pytest
+from dag import ROOT, readers_and_reruns
+from dvc.repo import Repo
+from ruamel.yaml import YAML
+
+pytestmark = pytest.mark.slow
+TINY = {
+    "skeletons": {"domain_rows": 300},
+    "pair": {"rows": 30},
+    "sample": {"rows": 300},
+    "poses": {"rows": 100},
+    "truth": {"starts": 2},
+    "train": {"hidden": 16, "latent": 6, "history_every": 2},
+    "s3le": {"steps": 4, "batch": 16, "batch_pairs": 8, "batch_domain": 16},
+    "lwl2": {"steps": 4, "batch_pairs": 8, "batch_domain": 16},
+    "ale": {"steps": 4, "batch_pairs": 8, "batch_domain": 16},
+    "report": {"strip_frames": 2},
+}
+STAGES = 25
+
+
+def swing(path: Path, phase: float, frames: int) -> None:
+    """A human of DeepMimic's who swings both arms and bends the elbows."""
+    rows = []
+    for k in range(frames):
+        t = phase + 2 * math.pi * k / frames
+        half = 0.5 * math.sin(t)
+        right = [math.cos(half), math.sin(half), 0.0, 0.0]
+        left = [math.cos(half), 0.0, 0.0, math.sin(half)]
+        elbow = 0.8 + 0.6 * math.cos(t)
+        rows.append({25: right, 29: [elbow], 39: left, 43: [elbow]})
+    handmade.write(path, handmade.deepmimic(*rows))
+
+
+def shell(folder: Path, *command: str) -> subprocess.CompletedProcess:
+    env = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        "PYTHONPATH": str(folder),  # this folder's code, whatever is installed
+        "DVC_NO_ANALYTICS": "1",
+        "GIT_AUTHOR_NAME": "t", "GIT_AUTHOR_EMAIL": "t@t",
+        "GIT_COMMITTER_NAME": "t", "GIT_COMMITTER_EMAIL": "t@t",
+    }  # fmt: skip
+    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
+
+
+def good(folder: Path, *command: str) -> str:
+    done = shell(folder, *command)
+    assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+    return done.stdout + done.stderr
+
+
+def ran(output: str) -> set[str]:
+    marks = [line for line in output.splitlines() if line.startswith("Running stage '")]
+    return {line.split("'")[1] for line in marks}
+
+
+def set_params(folder: Path, tree: dict) -> None:
+    yaml = YAML()
+    path = folder / "params.yaml"
+    params = yaml.load(path)
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            params[key].update(value)
+        else:
+            params[key] = value
+    yaml.dump(params, path)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """A copy of the project after one whole run, committed."""
+    folder = tmp_path_factory.mktemp("project")
+    listed = subprocess.run(
+        ["git", "ls-files", "-co", "--exclude-standard"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    ).stdout.split("\n")  # fmt: skip
+    for name in filter(None, listed):
+        if not name.startswith(("reports/", "tests/")) and name != "dvc.lock":
+            if (ROOT / name).is_file():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(ROOT / name, folder / name)
+    clips = folder / "data" / "clips" / "mine"
+    for k, split in enumerate(("train", "train", "test", "test")):
+        swing(clips / split / f"swing_{k}.txt", 0.7 * k, 12 + k)
+    set_params(folder, TINY | {"clips": "mine"})
+    good(folder, "git", "init", "-q")
+    output = good(folder, "dvc", "repro")
+    assert len(ran(output)) == STAGES
+    good(folder, "git", "add", "-A")
+    good(folder, "git", "commit", "-qm", "first run")
+    return folder
+
+
+@pytest.fixture
+def clean(project):
+    """The project as it was after its first run, when the test is over."""
+    yield project
+    good(project, "git", "checkout", "-q", ".")
+    good(project, "git", "clean", "-qfd", "reports")
+    good(project, "dvc", "checkout", "-q")
+
+
+def test_a_second_run_does_nothing(project):
+    assert ran(good(project, "dvc", "repro")) == set()
+    assert "up to date" in good(project, "dvc", "status")
+
+
+def test_every_key_makes_stale_just_the_stages_that_read_it(project):
+    """One process, one key at a time: dvc's own status against what dvc.yaml declares."""
+    path = project / "params.yaml"
+    before = path.read_text(encoding="utf-8")
+    promised = readers_and_reruns(project)
+    tree = YAML(typ="safe").load(before)
+    keys = [
+        (name, own)
+        for name, value in tree.items()
+        for own in (value if isinstance(value, dict) else [None])
+    ]
+    home = Path.cwd()
+    os.chdir(project)
+    try:
+        for name, own in keys:
+            old = tree[name] if own is None else tree[name][own]
+            if name in ("robot", "clips"):
+                continue  # they name files too; tested by running them
+            new = (
+                (not old)
+                if isinstance(old, bool)
+                else old + 1
+                if type(old) in (int, float)
+                else "x"
+            )
+            set_params(project, {name: new if own is None else {own: new}})
+            with Repo(".") as repo:
+                stale = {
+                    stage
+                    for stage, why in repo.status().items()
+                    if any("changed deps" in reason for reason in why)
+                }
+            assert stale == promised[name][0], f"{name}.{own}"
+            path.write_text(before, encoding="utf-8")
+    finally:
+        path.write_text(before, encoding="utf-8")
+        os.chdir(home)
+
+
+@pytest.mark.parametrize(
+    ("change", "reruns"),
+    [
+        (
+            "alpha=0.5",
+            "sample train@s3le index@s3le index@skeleton_all evaluate@s3le evaluate@skeleton_all "
+            "metrics report",
+        ),
+        # Four steps may leave which poses are found as it was; then metrics and report rest.
+        ("tau=0.25", "train@s3le index@s3le evaluate@s3le"),
+        ("skeletons.noise=0.05", "skeletons train@s3le train@lwl2 train@ale"),
+        ("report.strip_frames=3", "report"),
+    ],
+    ids=["alpha", "tau", "a reader's key", "a report's key"],
+)
+def test_a_changed_parameter_reruns_what_it_affects_and_no_more(clean, change, reruns):
+    output = good(clean, "dvc", "exp", "run", "-S", change)
+    wanted = set(reruns.split())
+    most = readers_and_reruns(clean)[change.split("=")[0].split(".")[0]][1]
+    assert wanted <= ran(output) <= most
+    if change.startswith("alpha"):
+        diff = good(clean, "dvc", "metrics", "diff")
+        assert "sampling.alpha" in diff
+
+
+def test_what_is_made_before_training_is_the_same_to_the_byte(clean):
+    names = [
+        "mocap_points", "skeletons", "mocap_domain", "mocap_pairs", "kinematic_pairs",
+        "robot_poses", "ground_truth",
+    ]  # fmt: skip
+    files = [clean / "data" / f"{name}.parquet" for name in names]
+    before = [file.read_bytes() for file in files]
+    one_core = ["taskset", "-c", "0"] if shutil.which("taskset") else []
+    for stage in ("clips", "skeletons", "pair", "sample", "poses", "truth"):
+        good(clean, *one_core, sys.executable, "-m", f"pipeline.{stage}")
+    assert [file.read_bytes() for file in files] == before
+
+
+def test_metrics_are_what_a_dvc_user_expects(project):
+    shown = good(project, "dvc", "metrics", "show", "--json")
+    tree = json.loads(shown)[""]["data"]["reports/metrics.json"]["data"]
+    methods = tree["splits"]["test"]["methods"]
+    assert {"ale", "lwl2", "lwl2_pairs", "s3le", "skeleton_all"} <= methods.keys()
+    for name, found in methods.items():
+        if name != "ale":
+            assert found["collision_rate"] == found["limit_rate"] == 0.0
+    assert tree["splits"]["test"]["truth"]["collision_rate"] == 0.0
+    assert "seconds" not in json.dumps(tree)
+    good(project, "dvc", "plots", "show")
+    good(project, "dvc", "dag")
+    assert "reports/metrics.json" in good(project, "git", "ls-files", "reports")
+
+
+@pytest.mark.parametrize(
+    ("break_it", "stage", "words"),
+    [
+        (lambda p: set_params(p, {"alpha": -1.0}), "sample", "alpha must be float in [0, 10]"),
+        (lambda p: set_params(p, {"robot": "comann"}), "robot", "comann.yaml"),
+        (lambda p: set_params(p, {"clips": "none"}), "clips", "none"),
+        (
+            lambda p: (p / "data/clips/mine/test/swing_2.txt").write_text('{"Frames": [[1'),
+            "clips",
+            "swing_2.txt",
+        ),
+        (
+            lambda p: handmade.write(p / "data/clips/mine/train/odd.bvh", b"\x00\xff" * 500),
+            "clips",
+            "odd.bvh",
+        ),
+        (lambda p: set_params(p, {"sample": {"rowz": 3}}), "sample", "did you mean rows?"),
+    ],
+    ids=["out of range", "no such robot", "no such clips", "truncated", "binary", "misspelt"],
+)
+def test_bad_input_ends_in_one_clear_line_and_the_next_run_completes(clean, break_it, stage, words):
+    break_it(clean)
+    done = shell(clean, "dvc", "repro", stage)
+    assert done.returncode != 0
+    assert words in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(clean.rglob("*.part"))
+    good(clean, "git", "checkout", "-q", "params.yaml", "data/clips")
+    good(clean, "git", "clean", "-qfd", "data/clips")
+    good(clean, "dvc", "repro", stage)
+    assert "up to date" in good(clean, "dvc", "status")
+
+
+def test_a_table_of_another_robot_stops_the_stage(clean):
+    good(clean, sys.executable, "-m", "pipeline.robot")
+    set_params(clean, {"robot": "coman_authors"})
+    good(clean, sys.executable, "-m", "pipeline.robot")
+    done = shell(clean, sys.executable, "-m", "pipeline.index", "skeleton_pairs")
+    assert done.returncode == 2
+    assert done.stderr.startswith("TableError: data/mocap_pairs.parquet was made for robot 'coman ")
+    assert "dvc repro pair" in done.stderr

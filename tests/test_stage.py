@@ -1,0 +1,112 @@
+"""Parameters at the door of a stage: every wrong one is refused by name, with what is wanted."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from pipeline import stage
+from pipeline.stage import dvc_keys, knob, launch, read
+from s3le.errors import ParameterError, TableError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Params:
+    section: ClassVar[str] = "sample"
+    alpha: float = knob("relaxation [-]", at_least=0, at_most=10, shared=True)
+    rows: int = knob("tuples to draw", at_least=1)
+    mixup: bool = knob("use mixup")
+    metric: str = knob("distance", one_of=("l2", "cosine"))
+
+
+GOOD = "alpha: 0.2\nsample:\n  rows: 5\n  mixup: true\n  metric: l2\n"
+
+
+def given(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_good_parameters_are_read(tmp_path):
+    assert read(Params, given(tmp_path, GOOD)) == Params(alpha=0.2, rows=5, mixup=True, metric="l2")
+
+
+def test_an_int_serves_as_a_float_because_dvc_writes_one(tmp_path):
+    alpha = read(Params, given(tmp_path, GOOD.replace("0.2", "1"))).alpha
+    assert alpha == 1.0
+    assert isinstance(alpha, float)
+
+
+def test_1e_3_is_a_number(tmp_path):
+    assert read(Params, given(tmp_path, GOOD.replace("0.2", "1e-3"))).alpha == 0.001
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("alpha: 0.2", "alpha: -1", r"alpha must be float in \[0, 10\], got -1.0"),
+        ("alpha: 0.2", "alpha: .nan", r"alpha must be float in \[0, 10\], got nan"),
+        ("alpha: 0.2", "alpha: abc", r"alpha must be float in \[0, 10\], got 'abc'"),
+        ("alpha: 0.2", "alpha:", r"alpha must be float in \[0, 10\], got None"),
+        ("alpha: 0.2", "alpah: 0.2", r"alpha is missing \(relaxation \[-\]\)"),
+        ("rows: 5", "rows: 0", r"sample.rows must be int in \[1, inf\], got 0"),
+        ("rows: 5", "rows: 5.5", r"sample.rows must be int in \[1, inf\], got 5.5"),
+        ("rows: 5", "rows: true", r"sample.rows must be int in \[1, inf\], got True"),
+        ("rows: 5", "rowz: 5", "section 'sample' has no parameter 'rowz'; did you mean rows?"),
+        ("rows: 5", "rows: 5\n  zebra: 1", "no parameter 'zebra'; it has: rows, mixup, metric"),
+        ("  mixup: true\n", "", r"sample.mixup is missing \(use mixup\)"),
+        ("mixup: true", "mixup: 1", "sample.mixup must be bool, got 1"),
+        ("metric: l2", "metric: cosin", "one of l2, cosine, got 'cosin'; did you mean cosine?"),
+        ("sample:\n  rows: 5\n  mixup: true\n  metric: l2\n", "sample: 3\n", "must be a mapping"),
+        (GOOD, "alpha: [1", "is not YAML"),
+        (GOOD, "- 1", "holds no mapping"),
+    ],
+)
+def test_a_wrong_parameter_is_refused_by_name(tmp_path, old, new, words):
+    with pytest.raises(ParameterError, match=words.replace("?", r"\?")):
+        read(Params, given(tmp_path, GOOD.replace(old, new)))
+
+
+def test_a_missing_file_says_where_to_run(tmp_path):
+    with pytest.raises(ParameterError, match="is missing here; run from the project's folder"):
+        read(Params, tmp_path / "params.yaml")
+
+
+def test_dvc_keys_are_the_shared_ones_and_the_section():
+    assert dvc_keys(Params) == ["alpha", "sample"]
+
+
+@pytest.fixture
+def in_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["stage"])
+    return tmp_path
+
+
+def test_a_refusal_is_one_line_and_status_2(in_folder, capsys):
+    def main() -> None:
+        raise TableError("poses: no rows")
+
+    with pytest.raises(SystemExit) as end:
+        launch(main, "poses")
+    assert end.value.code == 2
+    assert capsys.readouterr().err == "TableError: poses: no rows\n"
+    assert not stage.TIMING.exists()
+
+
+def test_a_full_disk_is_one_line_and_status_2(in_folder, capsys):
+    def main() -> None:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(SystemExit) as end:
+        launch(main, "poses")
+    assert end.value.code == 2
+    assert "No space left on device" in capsys.readouterr().err
+
+
+def test_a_finished_stage_notes_its_time(in_folder):
+    launch(lambda: None, "poses")
+    assert '"poses"' in stage.TIMING.read_text()
