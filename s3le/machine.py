@@ -15,9 +15,9 @@ from s3le import store
 from s3le.errors import RobotError
 from s3le.kernels import chain
 from s3le.robot import pairs
-from s3le.robot.certificate import Certifier
+from s3le.robot.certificate import Certifier, point_positions
 from s3le.robot.model import Robot, load
-from s3le.skeleton import NECKS
+from s3le.skeleton import BONES, NECKS, POINTS, SHORTEST_BONE, bone_vectors
 from s3le.tables.robot_pairs import ROBOT_PAIRS
 
 ROBOT_FILE, SETTINGS, PAIRS = "robot.yaml", "settings.json", "pairs.parquet"
@@ -65,6 +65,11 @@ def make(robot_file: Path, margin: float, neck: str) -> Machine:
     robot = load(robot_file)
     if neck not in NECKS:
         raise RobotError(f"neck must be one of {', '.join(NECKS)}, got {neck!r}")
+    at = dict(zip(robot.points, point_positions(robot, robot.anchor), strict=True))
+    bones = bone_vectors(np.array([[at.get(role, at["hip"]) for role in POINTS]]), neck)[0]
+    for bone, length in zip(BONES, np.linalg.norm(bones, axis=1), strict=True):
+        if not length > SHORTEST_BONE:
+            raise RobotError(f"robot {robot.name}: its points leave no length for {bone}")
     machine = Machine(robot, tuple(pairs.all_pairs(robot)), margin, neck)
     report = machine.certifier().check(robot.anchor[None])
     if not report.clearance[0] >= margin:

@@ -33,10 +33,10 @@ def skeletons(points: np.ndarray, neck: str, tilt_max: float) -> Kept:
         tilt_max: largest angle between hip-to-neck and the vertical [rad].
     """
     points = np.asarray(points, float)
-    turned, heading, level = face_forward(points)
-    x, has_bones = features(turned, neck)
     finite = np.isfinite(points).all(axis=(1, 2))
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # inf - inf in frames that are about to be dropped
+        turned, heading, level = face_forward(points)
+        x, has_bones = features(turned, neck)
         has_heading = level >= LEVEL_MIN
         upright = np.arccos(np.clip(x[:, 2], -1.0, 1.0)) <= tilt_max
     dropped = {}

@@ -111,7 +111,7 @@ def clean(project):
     yield project
     good(project, "git", "checkout", "-q", ".")
     good(project, "git", "clean", "-qfd", "reports")
-    good(project, "dvc", "checkout", "-q")
+    good(project, "dvc", "checkout", "-q", "--force")
 
 
 def test_a_second_run_does_nothing(project):

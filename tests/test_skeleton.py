@@ -92,9 +92,7 @@ def test_facing_forward_keeps_the_hip_heights_lengths_and_the_pelvis_slope():
     turned, _, level = face_forward(given)
     line = turned[:, POINTS.index("l_pelvis")] - turned[:, POINTS.index("r_pelvis")]
     assert np.array_equal(turned[:, 0], given[:, 0])
-    assert np.array_equal(turned[..., 2] - turned[:, :1, 2], given[..., 2] - given[:, :1, 2]) or (
-        np.allclose(turned[..., 2], given[..., 2], rtol=0, atol=ALGEBRA)
-    )
+    assert np.allclose(turned[..., 2], given[..., 2], rtol=0, atol=ALGEBRA)
     assert np.allclose(line[:, 0], 0.0, rtol=0, atol=ALGEBRA) and (line[:, 1] > 0).all()
     assert np.allclose(level, line[:, 1] / np.linalg.norm(line, axis=1), rtol=0, atol=ALGEBRA)
 
@@ -164,11 +162,10 @@ def test_one_person_is_compared_with_many_at_once():
     [
         lambda p: p.__setitem__((1, POINTS.index("r_hand"), 0), np.nan),
         lambda p: p.__setitem__((1, POINTS.index("r_hand"), 0), np.inf),
-        lambda p: p.__setitem__((1, slice(None), slice(None)), -np.inf),
         lambda p: p.__setitem__((1, POINTS.index("r_hand")), p[1, POINTS.index("r_elbow")]),
         lambda p: p.__setitem__((1, POINTS.index("hip")), np.mean(p[1, [4, 7]], axis=0)),
     ],
-    ids=["NaN", "infinite", "all infinite", "hand in the elbow", "hip in the neck"],
+    ids=["NaN", "infinite", "hand in the elbow", "hip in the neck"],
 )
 def test_a_frame_without_a_direction_is_marked_and_its_neighbours_are_not(spoil):
     points = people(3, 14)
@@ -179,13 +176,6 @@ def test_a_frame_without_a_direction_is_marked_and_its_neighbours_are_not(spoil)
     assert np.isnan(x[1]).all()
     assert np.array_equal(x[[0, 2]], want[[0, 2]])
     assert np.isnan(cosine_distance(x, want)).tolist() == [False, True, False]
-
-
-def test_turning_a_frame_at_infinity_warns_nobody():
-    points = people(2, 15)
-    points[1] = np.inf
-    turned, _, level = face_forward(points)
-    assert np.isfinite(turned[0]).all() and not np.isfinite(level[1])
 
 
 @pytest.mark.parametrize("length", [0.5e-6, 2e-6], ids=["too short", "just long enough"])

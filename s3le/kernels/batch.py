@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from s3le.errors import ParameterError
 from s3le.kernels.chain import Chain
 from s3le.kernels.distance import place_capsules, reach
 from s3le.kernels.kinematics import bones, place
@@ -44,7 +45,7 @@ def workers() -> int:
 
 def skeletons(chain: Chain, q: np.ndarray, progress: Progress | None = None) -> np.ndarray:
     """Skeleton features x = FK(q): q (n, n_dof) [rad] -> (n, 21)."""
-    q = np.ascontiguousarray(q, float)
+    q = _poses(chain, q)
     x = np.empty((len(q), 21))
     _spread(lambda rows: _skeletons(chain, q[rows], x[rows]), len(q), progress)
     return x
@@ -52,7 +53,7 @@ def skeletons(chain: Chain, q: np.ndarray, progress: Progress | None = None) -> 
 
 def points(chain: Chain, q: np.ndarray) -> np.ndarray:
     """The ten skeleton points of each pose, (n, 10, 3) [m], x forward, y left, z up."""
-    q = np.ascontiguousarray(q, float)
+    q = _poses(chain, q)
     at = np.empty((len(q), len(chain.point), 3))
     _points(chain, q, at)
     return at
@@ -60,7 +61,7 @@ def points(chain: Chain, q: np.ndarray) -> np.ndarray:
 
 def capsule_ends(chain: Chain, q: np.ndarray) -> np.ndarray:
     """Both segment ends of every capsule, (n, bodies, 2, 3) [m], x forward, y left, z up."""
-    q = np.ascontiguousarray(q, float)
+    q = _poses(chain, q)
     ends = np.empty((len(q), len(chain.body_radius), 2, 3))
     _capsule_ends(chain, q, ends)
     return ends
@@ -68,7 +69,7 @@ def capsule_ends(chain: Chain, q: np.ndarray) -> np.ndarray:
 
 def clearances(chain: Chain, q: np.ndarray, progress: Progress | None = None) -> np.ndarray:
     """Least signed distance over the watched pairs [m], (n,); NaN where q is not finite."""
-    q = np.ascontiguousarray(q, float)
+    q = _poses(chain, q)
     out = np.empty(len(q))
     balls = reach(chain)
     _spread(lambda rows: _clearances(chain, balls, q[rows], out[rows]), len(q), progress)
@@ -92,8 +93,14 @@ def project(
         q: relaxed poses [rad], (n, n_dof), finite.
         margin: clearance wanted [m].
         progress: called with numbers of rows done.
+
+    Raises:
+        ParameterError: q has another shape, or a row of it is not finite.
     """
-    q = np.array(q, float, order="C")
+    q = _poses(chain, q).copy()
+    if not np.isfinite(q).all():
+        row = int(np.argmin(np.isfinite(q).all(axis=1)))
+        raise ParameterError(f"poses to project must be finite, row {row} is not")
     how = np.empty(len(q), np.uint8)
     balls = reach(chain)
     _spread(
@@ -141,6 +148,14 @@ def follow(
     return Solution(q, cost, feasible)
 
 
+def _poses(chain: Chain, q: np.ndarray) -> np.ndarray:
+    """The poses as the kernels want them; they would read beyond rows of another length."""
+    q = np.ascontiguousarray(q, float)
+    if q.ndim != 2 or q.shape[1] != len(chain.parent):
+        raise ParameterError(f"poses must have shape (n, {len(chain.parent)}), got {q.shape}")
+    return q
+
+
 def _spread(work: Callable[[slice], None], n: int, progress: Progress | None) -> None:
     """Run work over slices of n rows on every core; the kernels release the interpreter lock."""
     slices = [slice(i, min(i + CHUNK, n)) for i in range(0, n, CHUNK)]
@@ -168,8 +183,16 @@ def _skeletons(chain, q, x):
 
 
 @njit(cache=True, nogil=True)
+def _turn(rotation, v, out):
+    """Out = rotation v; numba's own matrix product would need scipy at run time."""
+    for i in range(3):
+        out[i] = rotation[i, 0] * v[0] + rotation[i, 1] * v[1] + rotation[i, 2] * v[2]
+
+
+@njit(cache=True, nogil=True)
 def _points(chain, q, at):
     n = q.shape[1]
+    v = np.empty(3)
     R = np.empty((n + 1, 3, 3))
     p = np.empty((n + 1, 3))
     z = np.empty((n, 3))
@@ -177,7 +200,10 @@ def _points(chain, q, at):
         place(chain, q[row], R, p, z)
         for k in range(len(chain.point)):
             f = chain.point_frame[k]
-            at[row, k] = chain.base @ (p[f] + R[f] @ chain.point[k])
+            _turn(R[f], chain.point[k], v)
+            for i in range(3):
+                v[i] += p[f, i]
+            _turn(chain.base, v, at[row, k])
 
 
 @njit(cache=True, nogil=True)
@@ -192,7 +218,7 @@ def _capsule_ends(chain, q, out):
         place_capsules(chain, R, p, ends)
         for k in range(len(ends)):
             for side in range(2):
-                out[row, k, side] = chain.base @ ends[k, side]
+                _turn(chain.base, ends[k, side], out[row, k, side])
 
 
 @njit(cache=True, nogil=True)
@@ -218,7 +244,10 @@ def _project(chain, balls, anchor, margin, q, how):
         # Two starts: the clipped pose itself, and the feasible pose that blending leads to.
         back = q[row].copy()
         safe = blend(chain, balls, anchor, margin, back)
-        best = np.inf
+        # Blending is the answer to beat; where it failed, back is the anchor.
+        kept = back
+        how[row] = FALLBACK
+        best = _far(back, want) if safe else np.inf
         for start in range(2):
             if start == 1 and not safe:
                 break
@@ -228,18 +257,20 @@ def _project(chain, balls, anchor, margin, q, how):
                 chain, balls, margin, trial
             ):
                 continue
-            far = 0.0
-            for i in range(n):
-                far += (trial[i] - want[i]) ** 2
+            far = _far(trial, want)
             if far < best:
                 best = far
                 kept = trial
-        if best < np.inf:
-            q[row] = kept
-            how[row] = SOLVED
-        else:
-            q[row] = back if safe else anchor
-            how[row] = FALLBACK
+                how[row] = SOLVED
+        q[row] = kept
+
+
+@njit(cache=True, nogil=True)
+def _far(a, b):
+    total = 0.0
+    for i in range(len(a)):
+        total += (a[i] - b[i]) ** 2
+    return total
 
 
 @njit(cache=True, nogil=True)

@@ -47,12 +47,12 @@ def nearest_on_segments(A, B, witness):
     f = d2[0] * r[0] + d2[1] * r[1] + d2[2] * r[2]
     c = d1[0] * r[0] + d1[1] * r[1] + d1[2] * r[2]
     b = d1[0] * d2[0] + d1[1] * d2[1] + d1[2] * d2[2]
-    if a <= 1e-18 and e <= 1e-18:
+    if a <= 1e-24 and e <= 1e-24:
         s = t = 0.0
-    elif a <= 1e-18:
+    elif a <= 1e-24:
         s = 0.0
         t = min(max(f / e, 0.0), 1.0)
-    elif e <= 1e-18:
+    elif e <= 1e-24:
         t = 0.0
         s = min(max(-c / a, 0.0), 1.0)
     else:
@@ -68,12 +68,33 @@ def nearest_on_segments(A, B, witness):
         elif det <= 1e-14 * a * e:
             # Parallel: move s to where it projects back, so that the answer is still a minimum.
             s = min(max((b * t - c) / a, 0.0), 1.0)
+        if det <= 1e-14 * a * e:
+            # Not quite parallel segments are nearest at an end of one of them.
+            least = _apart(r, d1, d2, s, t) - 1e-14 * (a + e)
+            for end in range(2):
+                s_end = min(max((b * end - c) / a, 0.0), 1.0)
+                t_end = min(max((b * end + f) / e, 0.0), 1.0)
+                apart = _apart(r, d1, d2, float(end), t_end)
+                if apart < least:
+                    least, s, t = apart, float(end), t_end
+                apart = _apart(r, d1, d2, s_end, float(end))
+                if apart < least:
+                    least, s, t = apart, s_end, float(end)
     total = 0.0
     for i in range(3):
         witness[0, i] = A[0, i] + s * d1[i]
         witness[1, i] = B[0, i] + t * d2[i]
         total += (witness[1, i] - witness[0, i]) ** 2
     return np.sqrt(total)
+
+
+@njit(cache=True, nogil=True)
+def _apart(r, d1, d2, s, t):
+    """Squared distance [m^2] of the points at s and t."""
+    total = 0.0
+    for i in range(3):
+        total += (r[i] + s * d1[i] - t * d2[i]) ** 2
+    return total
 
 
 @njit(cache=True, nogil=True)

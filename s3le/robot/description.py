@@ -11,6 +11,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
+from ruamel.yaml.events import AliasEvent
 
 from s3le.errors import RobotError
 
@@ -53,11 +54,15 @@ def read_description(path: Path) -> Description:
     """
     path = Path(path)
     try:
-        tree = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        # Aliases have no use here, and a few lines of them unfold to more than memory holds.
+        if any(isinstance(event, AliasEvent) for event in YAML(typ="safe").parse(text)):
+            raise RobotError(f"{path}: YAML aliases (*name) are not read; write the value out")
+        tree = YAML(typ="safe").load(text)
     except FileNotFoundError:
         known = ", ".join(sorted(p.stem for p in path.parent.glob("*.yaml"))) or "none"
         raise RobotError(f"{path} does not exist; robots here: {known}") from None
-    except (YAMLError, UnicodeDecodeError) as error:
+    except (YAMLError, UnicodeDecodeError, OSError, RecursionError) as error:
         raise RobotError(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from None
     if not isinstance(tree, dict):
         raise RobotError(f"{path}: expected a mapping with the keys {', '.join(_KEYS)}")

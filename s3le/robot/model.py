@@ -6,6 +6,8 @@ capsule that contains it.
 """
 
 import hashlib
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -112,6 +114,7 @@ def from_description(text: Description) -> Robot:
     joints = tuple(_joint(model, j, where) for j in range(1, model.njoints))
     points = {role: _point(model, text.points[role], role, where) for role in MAPPED}
     bodies = tuple(_body(model, item, where) for item in geometry.geometryObjects)
+    _refuse_lost_geometry(text.urdf, geometry)
     if not bodies:
         raise RobotError(f"{where}: no collision geometry, so nothing could be checked")
     anchor = np.zeros(len(joints))
@@ -163,9 +166,39 @@ def reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
                 )
     still = pin.neutral(model)
     for name, angle in text.hold.items():
-        still[model.joints[model.getJointId(name)].idx_q] = angle
+        joint = model.joints[model.getJointId(name)]
+        at = slice(joint.idx_q, joint.idx_q + joint.nq)
+        if name in text.joints:
+            raise RobotError(f"robot {text.name}: '{name}' both moves (joints) and is held (hold)")
+        if joint.nv != 1:
+            raise RobotError(f"robot {text.name}: hold of {name}: a joint of {joint.nv} angles")
+        # pinocchio keeps an angle without limits as its cosine and sine
+        still[at] = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+        low, high = model.lowerPositionLimit[at][0], model.upperPositionLimit[at][0]
+        if joint.nq == 1 and not low <= angle <= high:
+            raise RobotError(
+                f"robot {text.name}: hold of {name} is {angle:.4f}, outside its range "
+                f"[{low:.4f}, {high:.4f}]"
+            )
     locked = [j for j in range(1, model.njoints) if model.names[j] not in text.joints]
     return pin.buildReducedModel(model, geometry, locked, still)
+
+
+def _refuse_lost_geometry(urdf: Path, geometry: pin.GeometryModel) -> None:
+    """Refuse a link whose collision geometry the URDF reader dropped, which it does in silence."""
+    try:
+        links = ElementTree.parse(urdf).getroot().findall("link")
+    except ElementTree.ParseError as error:
+        raise RobotError(f"{urdf}: not well-formed XML ({error})") from None
+    read = Counter(item.name.rpartition("_")[0] for item in geometry.geometryObjects)
+    for link in links:
+        written = len(link.findall("collision"))
+        if read[link.get("name")] < written:
+            raise RobotError(
+                f"{urdf.name}: link '{link.get('name')}' has {written} collision elements, only "
+                f"{read[link.get('name')]} could be read; write finite sizes, and "
+                '<robot version="1.1"> where there is a <capsule>'
+            )
 
 
 def _joint(model: pin.Model, index: int, where: str) -> Joint:
@@ -182,12 +215,15 @@ def _joint(model: pin.Model, index: int, where: str) -> Joint:
     data = kind.createData()
     kind.calc(data, np.zeros(model.nq))
     placement = model.jointPlacements[index]
+    axis = np.array(data.S).reshape(6)[3:]
+    if not abs(np.linalg.norm(axis) - 1.0) < 1e-9:
+        raise RobotError(f"{where}: the axis of joint '{name}' has no direction")
     return Joint(
         name=name,
         parent=int(model.parents[index]) - 1,
         rotation=np.array(placement.rotation),
         translation=np.array(placement.translation),
-        axis=np.array(data.S).reshape(6)[3:],
+        axis=axis,
         lower=lower,
         upper=upper,
         velocity=float(model.velocityLimit[kind.idx_v]),
@@ -224,6 +260,9 @@ def _body(model: pin.Model, item: pin.GeometryObject, where: str) -> Body:
             f"{where}: link '{link}' has a {type(shape).__name__} for collision; "
             "use capsules, spheres, cylinders or boxes"
         )
+    sizes = np.array(shape.halfSide) if kind == "box" else np.array([radius])
+    if not (sizes > 0.0).all() or not half >= 0.0:
+        raise RobotError(f"{where}: link '{link}' has a {kind} whose size is not positive")
     centre, turn = np.array(item.placement.translation), np.array(item.placement.rotation)
     along = turn @ axis * half
     return Body(item.name, int(item.parentJoint) - 1, centre - along, centre + along, radius, kind)
