@@ -58,7 +58,7 @@ def main() -> None:
         "strip": "figures/strip.png",
         "curves": "figures/training.png",
     }
-    store.write_text(page.markdown(tree, histories, {}, pictures), REPORTS / "report.md")
+    store.write_text(page.markdown(tree, histories, pictures), REPORTS / "report.md")
     say(f"read {REPORTS / 'report.md'}")
 
 

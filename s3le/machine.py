@@ -71,6 +71,12 @@ def make(robot_file: Path, margin: float, neck: str) -> Machine:
         if not length > SHORTEST_BONE:
             raise RobotError(f"robot {robot.name}: its points leave no length for {bone}")
     machine = Machine(robot, tuple(pairs.all_pairs(robot)), margin, neck)
+    if hit := pairs.anchor_collision(robot, list(machine.pairs)):
+        raise RobotError(
+            f"robot {robot.name}: at the anchor {robot.bodies[hit.a].name} and "
+            f"{robot.bodies[hit.b].name} overlap by {-hit.clearance * 1e3:.2f} mm; "
+            "give an anchor that does not collide"
+        )
     report = machine.certifier().check(robot.anchor[None])
     if not report.clearance[0] >= margin:
         raise RobotError(

@@ -356,7 +356,7 @@ def line_of(text: str, start: str) -> str:
 def test_page_holds_the_numbers_it_was_given():
     history = [{"step": 50, "recon_x": 4.0}, {"step": 3950, "recon_x": 0.31}]
     text = page.markdown(
-        metrics(), {"s3le": history}, {"sample": 33.2, "train": 400.0}, {"strip": "figures/s.png"}
+        metrics(), {"s3le": history}, {"strip": "figures/s.png"}
     )
     assert line_of(text, "S3LE") == "| S3LE | 0.060 | 0.071 | 0 % | 0 % | 131,008 | 0.040 |"
     assert (
@@ -367,27 +367,27 @@ def test_page_holds_the_numbers_it_was_given():
     )
     assert "| train | 10 | 923 | 3 | 41 | 5 | 6 |" in text
     for piece in ("512 frames", "378", "252 (25.0 %)", "98,000 (98.0 %)", "0.432 rad (24.8°)",
-                  "21.5 %", "81,997", "skeletons rebuilt 4 to 0.31", "3,950", "33.2 s", "6.7 min",
+                  "21.5 %", "81,997", "skeletons rebuilt 4 to 0.31", "3,950",
                   "![Snapshots](figures/s.png)", "0.1 is 26°", "at least 2 mm"):  # fmt: skip
         assert piece in text
     assert "0.50 times LWL2's (with robot poses)" in text
     assert "1.50 times that of brute force" in text
     assert "must not happen" not in text
     assert text.endswith("\n") and text == page.markdown(
-        metrics(), {"s3le": history}, {"sample": 33.2, "train": 400.0}, {"strip": "figures/s.png"}
+        metrics(), {"s3le": history}, {"strip": "figures/s.png"}
     )
 
 
 def test_page_says_what_was_not_measured():
-    text = page.markdown(metrics(), {}, {}, {})
+    text = page.markdown(metrics(), {}, {})
     assert line_of(text, LABEL["lwl2_pairs"]).count("not measured") == 6
     assert line_of(text, LABEL["lwl2"]).endswith("| not measured |")
-    assert "Training: not measured." in text and "Time: not stated here." in text
+    assert "Training: not measured." in text
     assert text.count("Figure: not drawn.") == 3
 
 
 def test_page_of_nothing_invents_nothing():
-    text = page.markdown({}, {}, {}, {})
+    text = page.markdown({}, {}, {})
     assert "Results: not measured." in text
     table = [line for line in text.splitlines() if line.startswith("| ")]
     values = [cell for line in table for cell in line.strip("| ").split(" | ")[1:]]
@@ -406,9 +406,9 @@ def test_page_of_nothing_invents_nothing():
 def test_page_raises_the_alarm_when_a_checked_pose_is_unsafe(rate, what):
     broken = metrics()
     broken["splits"]["test"]["methods"]["ale"][rate] = 0.5  # ALE promises nothing
-    assert "must not happen" not in page.markdown(broken, {}, {}, {})
+    assert "must not happen" not in page.markdown(broken, {}, {})
     broken["splits"]["test"]["methods"]["s3le"][rate] = 0.00001
-    text = page.markdown(broken, {}, {}, {})
+    text = page.markdown(broken, {}, {})
     assert "This must not happen" in text
     assert f"S3LE ({what} in < 0.1 % of the frames)" in text
 
@@ -426,6 +426,6 @@ def test_a_name_cannot_break_a_table():
     odd = metrics()
     odd["clips"] = {"a|b\nc": {"clips": 1}}
     odd["splits"]["test"]["methods"]["mine|"] = {}
-    text = page.markdown(odd, {}, {}, {})
+    text = page.markdown(odd, {}, {})
     assert "| a\\|b c | 1 | not measured |" in text
     assert "| mine\\| | not measured |" in text

@@ -251,7 +251,7 @@ def test_coman_s_feet_are_boxes_within_their_capsules():
 
 # --- refusals, each with its words
 
-MOVES = ("l_shoulder, l_elbow, r_shoulder, r_elbow", "")
+MOVES = "l_shoulder, l_elbow, r_shoulder, r_elbow"
 YAML_REFUSALS = {
     "missing key": ([("name: arms\n", "")], "arms.yaml: key 'name' is missing"),
     "unknown key": (
@@ -295,16 +295,16 @@ YAML_REFUSALS = {
         "arms.yaml: pair_inflation must be a finite number of at least 1, got 0.9",
     ),
     "aliases": (
-        [("hold: {}", "hold: &a {}"), ("anchor: {r_shoulder: -1.5, l_shoulder: 1.5}", "anchor: *a")],
+        [("hold: {}", "hold: &a {}"), ("{r_shoulder: -1.5, l_shoulder: 1.5}", "*a")],
         "arms.yaml: YAML aliases (*name) are not read; write the value out",
     ),
     "joint not in the urdf": (
         [("[r_shoulder,", "[r_shouldr,")],
-        "robot arms: joints names 'r_shouldr', not in arms.urdf; its movable joints: " + MOVES[0],
+        "robot arms: joints names 'r_shouldr', not in arms.urdf; its movable joints: " + MOVES,
     ),
     "fixed joint held": (
         [("hold: {}", "hold: {r_tip: 1}")],
-        "robot arms: hold names 'r_tip', not in arms.urdf; its movable joints: " + MOVES[0],
+        "robot arms: hold names 'r_tip', not in arms.urdf; its movable joints: " + MOVES,
     ),
     "held and moving": (
         [("hold: {}", "hold: {r_elbow: 1}")],
@@ -419,7 +419,7 @@ BOMB = "a: &a [x, x]\n" + "".join(
         (ARMS_YAML.encode() + b"name: again\n", "not readable as YAML (while constructing"),
         (ARMS_YAML.encode() + b"---\nname: b\n", "not readable as YAML (expected a single doc"),
         (BOMB.encode(), "YAML aliases (*name) are not read"),
-        (b"[" * 3000, "not readable as YAML (maximum recursion depth"),
+        (b"[" * 800 + b"]" * 800, "not readable as YAML (maximum recursion depth"),
         (b"name: !!python/name:os.system ''", "not readable as YAML (could not determine a con"),
     ],
     ids=["empty", "list", "binary", "zeros", "utf-16", "key twice", "two documents", "bomb",
@@ -451,8 +451,7 @@ def test_a_folder_is_no_robot_file(tmp_path):
     "content",
     [b"", bytes(range(256)) * 9, ARMS_URDF.encode()[:700],
      edited(ARMS_URDF, ('<link name="chest"/>', '<link name="chest"/><link name="two"/>')).encode(),
-     edited(ARMS_URDF, ("<mass", "<mass") if "<mass" in ARMS_URDF else
-            (UPPER_BODY, '<mesh filename="package://none/arm.stl"/>')).encode()],
+     edited(ARMS_URDF, (UPPER_BODY, '<mesh filename="package://none/arm.stl"/>')).encode()],
     ids=["empty", "binary", "truncated", "two roots", "mesh that is not there"],
 )  # fmt: skip
 def test_a_malformed_urdf_is_refused_in_one_line(tmp_path, content):

@@ -111,7 +111,7 @@ def test_lwl2_is_s3le_without_sampled_tuples_and_nt_xent():
     assert same(train("lwl2", data, TINY).weights, train("s3le", data, plain).weights)
 
 
-class Killed(Exception):
+class KilledError(Exception):
     """Stands for the process dying."""
 
 
@@ -123,9 +123,9 @@ def test_a_killed_training_resumes_to_the_same_bits(tmp_path, method, death):
 
     def die(step, total, terms):
         if step == death:
-            raise Killed
+            raise KilledError
 
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         train(method, data, TINY, device="cpu", checkpoint=path, on_step=die)
     seen = []
     resumed = train(

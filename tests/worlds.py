@@ -239,3 +239,38 @@ def yawed(points: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
     c, s, zero, one = np.cos(yaw), np.sin(yaw), np.zeros(len(points)), np.ones(len(points))
     turn = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])  # (3, 3, n)
     return np.einsum("ijn,npj->npi", turn, points)
+
+
+def exact_distance(A: np.ndarray, B: np.ndarray) -> float:
+    """Distance of two segments [m]: every end to the other segment, and the lines' common normal.
+
+    Slow and in extended precision; shares nothing with the kernels but the definition.
+    """
+    A, B = A.astype(np.longdouble), B.astype(np.longdouble)
+    found = [_to_segment(p, B) for p in A] + [_to_segment(p, A) for p in B]
+    d1, d2, r = A[1] - A[0], B[1] - B[0], A[0] - B[0]
+    a, b, e = d1 @ d1, d1 @ d2, d2 @ d2
+    if (det := a * e - b * b) > 0:
+        s, t = (b * (d2 @ r) - e * (d1 @ r)) / det, (a * (d2 @ r) - b * (d1 @ r)) / det
+        if 0 <= s <= 1 and 0 <= t <= 1:
+            found.append(_length(r + s * d1 - t * d2))
+    return float(min(found))
+
+
+def _to_segment(p: np.ndarray, segment: np.ndarray) -> float:
+    along = segment[1] - segment[0]
+    square = along @ along
+    share = np.clip((p - segment[0]) @ along / square, 0, 1) if square > 0 else 0
+    return _length(segment[0] + share * along - p)
+
+
+def _length(v: np.ndarray) -> float:
+    return np.sqrt(v @ v)
+
+
+def all_clearances(made: Machine, ends: np.ndarray) -> np.ndarray:
+    """Signed distance of every watched pair at one pose [m], without any shortcut."""
+    radius = made.chain.body_radius
+    return np.array(
+        [exact_distance(ends[a, :2], ends[b, :2]) - radius[a] - radius[b] for a, b in made.watched]
+    )

@@ -53,7 +53,6 @@ _FIGURES = {
 def markdown(
     metrics: Mapping[str, Any],
     training: Mapping[str, list[Mapping[str, float]]],
-    timing: Mapping[str, float],
     figures: Mapping[str, str],
 ) -> str:
     """Write the page.
@@ -66,7 +65,6 @@ def markdown(
             "moved_mean_rad" [rad], "accepted_share" a share in [0, 1], the rest counts.
         training: for each method its history, rows of "step" and loss terms [-]
             (as curves.draw takes it).
-        timing: wall time by stage [s].
         figures: path of each picture, relative to the page: "bars", "strip", "curves", or any
             other name.
 
@@ -81,7 +79,7 @@ def markdown(
         *_guarantees(metrics),
         *_data(metrics),
         *_training(training),
-        *_timing(timing),
+        "Wall times are no part of a result; those of the last run stand in `timing.json`.",
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -333,20 +331,6 @@ def _training(training: Mapping[str, list[Mapping[str, float]]]) -> list[str]:
     ]
 
 
-def _timing(timing: Mapping[str, float]) -> list[str]:
-    if not timing:
-        return ["## Time", "Time: not stated here."]
-    rows = [[_text(stage), _seconds(seconds)] for stage, seconds in timing.items()]
-    known = [seconds for seconds in timing.values() if _is_number(seconds)]
-    rows.append(["**together**", _seconds(sum(known) if len(known) == len(timing) else None)])
-    return [
-        "## Time",
-        _table(["stage", "wall time"], rows),
-        "How to read it: wall time on the machine at hand; the only numbers on this page that "
-        "change when the same run is repeated.",
-    ]
-
-
 def _table(titles: list[str], rows: list[list[str]]) -> str:
     lines = [titles, ["---"] + ["---:" if len(titles) > 3 else "---"] * (len(titles) - 1), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
@@ -402,9 +386,3 @@ def _degrees(distance: float) -> str:
 
 def _listed(words: list[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
-
-
-def _seconds(value: object) -> str:
-    if not _is_number(value):
-        return MISSING
-    return f"{value:.1f} s" if value < 120 else f"{value / 60:.1f} min"

@@ -83,6 +83,31 @@ def all_pairs(robot: Robot) -> list[Pair]:
     return pairs
 
 
+def anchor_collision(robot: Robot, pairs: list[Pair]) -> Pair | None:
+    """A pair that collides at the anchor, which the anchor rule would otherwise stop watching.
+
+    Neighbours in the tree overlap by design, and so may what follows them without a gap (a
+    shoulder's links and the torso). A pair that overlaps although a body between the two keeps
+    clear of one of them (a forearm in the torso, the upper arm not) is a collision.
+    """
+    joint = [body.joint for body in robot.bodies]
+    near = {(joint[p.a], joint[p.b]) for p in pairs if p.reason == OVERLAP}
+    near |= {(b, a) for a, b in near}
+    for p in pairs:
+        if p.reason == OVERLAP and p.clearance < 0.0:
+            path = [j for j in _between(robot, joint[p.a], joint[p.b]) if j in joint]
+            if len(path) > 2 and not {(path[1], path[-1]), (path[0], path[-2])} <= near:
+                return p
+    return None
+
+
+def _between(robot: Robot, a: int, b: int) -> list[int]:
+    """The joints from a to b through the tree, both included; -1 is the base."""
+    up, down = ([-1, *robot.chain(joint)] for joint in (a, b))
+    shared = sum(x == y for x, y in zip(up, down, strict=False))
+    return up[: shared - 1 : -1] + down[shared - 1 :]
+
+
 def watched(pairs: list[Pair]) -> np.ndarray:
     """Body indices of the watched pairs, int64 (n_pairs, 2)."""
     return np.array([(p.a, p.b) for p in pairs if p.reason == WATCHED], np.int64).reshape(-1, 2)

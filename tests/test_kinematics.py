@@ -1,0 +1,151 @@
+"""The kernels' kinematics against pinocchio, the skeleton's definition, algebra and differences."""
+
+import numpy as np
+import pytest
+from worlds import (
+    ARMS_URDF,
+    ARMS_YAML,
+    MARGIN,
+    arms_points,
+    coman,
+    edited,
+    inside_limits,
+    placed,
+    relaxed,
+    skeleton_and_jacobian,
+    write_arms,
+)
+
+from s3le import machine
+from s3le.errors import ParameterError
+from s3le.kernels import batch
+from s3le.robot import certificate
+from s3le.skeleton import NECKS, POINTS, features
+
+ALGEBRA = 1e-12  # [m] or [-], float64
+DIFFERENCE = 1e-6  # [1/rad], central differences
+STEP = 1e-6  # [rad]
+TILTED = edited(ARMS_YAML, ("[0.0, 0.0, 0.0]", "[0.4, -1.1, 2.3]"))
+
+
+@pytest.fixture(params=["coman", "arms", "tilted arms"])
+def made(request, tmp_path):
+    if request.param == "coman":
+        return coman()
+    yaml = TILTED if request.param == "tilted arms" else ARMS_YAML
+    return machine.make(write_arms(tmp_path, yaml), MARGIN, "midpoint")
+
+
+def test_points_are_pinocchio_s(made):
+    q = np.concatenate([inside_limits(made, 20, 1), 30.0 * relaxed(made, 5, 2)])
+    ours = batch.points(made.chain, q)
+    for pose, at in zip(q, ours, strict=True):
+        theirs = certificate.point_positions(made.robot, pose)
+        for role, where in zip(made.robot.points, theirs, strict=True):
+            assert at[POINTS.index(role)] == pytest.approx(where, abs=ALGEBRA), role
+
+
+def test_points_of_planar_arms_are_algebra(tmp_path):
+    made = machine.make(write_arms(tmp_path), MARGIN, "midpoint")
+    for q in inside_limits(made, 20, 3):
+        want = arms_points(dict(zip(made.robot.joint_names, q, strict=True)))
+        at = batch.points(made.chain, q[None])[0]
+        for role, where in want.items():
+            assert at[POINTS.index(role)] == pytest.approx(where, abs=ALGEBRA), role
+
+
+@pytest.mark.parametrize("neck", NECKS)
+@pytest.mark.parametrize("name", ["coman", "coman_authors"])
+def test_the_robot_s_skeleton_is_the_one_of_its_points(name, neck):
+    made = coman(name=name, neck=neck)
+    q = relaxed(made, 40, 4)
+    want, ok = features(batch.points(made.chain, q), neck)
+    assert ok.all()
+    assert np.allclose(batch.skeletons(made.chain, q), want, rtol=0, atol=ALGEBRA)
+
+
+def test_a_tilted_base_turns_the_skeleton_and_nothing_else(tmp_path):
+    plain = machine.make(write_arms(tmp_path / "plain"), MARGIN, "midpoint")
+    tilted = machine.make(write_arms(tmp_path / "tilted", TILTED), MARGIN, "midpoint")
+    q = inside_limits(plain, 30, 5)
+    turned = batch.skeletons(plain.chain, q).reshape(-1, 7, 3) @ tilted.robot.base_rotation.T
+    assert np.allclose(
+        batch.skeletons(tilted.chain, q), turned.reshape(-1, 21), rtol=0, atol=ALGEBRA
+    )
+    assert np.array_equal(batch.clearances(plain.chain, q), batch.clearances(tilted.chain, q))
+
+
+def test_the_jacobian_is_the_slope_of_the_skeleton(made):
+    for q in inside_limits(made, 6, 6):
+        _, J = skeleton_and_jacobian(made, q)
+        shifts = STEP * np.eye(made.robot.n_dof)
+        ahead = batch.skeletons(made.chain, q + shifts)
+        back = batch.skeletons(made.chain, q - shifts)
+        assert np.allclose(J, ((ahead - back) / (2 * STEP)).T, rtol=0, atol=DIFFERENCE)
+
+
+@pytest.mark.parametrize("neck", NECKS)
+def test_asking_for_the_jacobian_does_not_change_the_skeleton(neck):
+    made = coman(neck=neck)
+    for q in inside_limits(made, 5, 7):
+        x, _ = skeleton_and_jacobian(made, q)
+        assert np.array_equal(x, batch.skeletons(made.chain, q[None])[0])
+
+
+def test_a_joint_axis_that_is_not_a_coordinate_axis_turns_as_pinocchio_has_it(tmp_path):
+    urdf = edited(
+        ARMS_URDF,
+        ('<origin xyz="0 -0.2 0.5"/><axis xyz="1 0 0"/>',
+         '<origin xyz="0 -0.2 0.5" rpy="0.2 -0.5 1.4"/><axis xyz="3 -1 2"/>'),
+    )  # fmt: skip
+    made = machine.make(write_arms(tmp_path, urdf=urdf), 0.0, "midpoint")
+    for q in inside_limits(made, 10, 8):
+        at = batch.points(made.chain, q[None])[0, POINTS.index("r_hand")]
+        index = list(made.robot.points).index("r_hand")
+        assert at == pytest.approx(certificate.point_positions(made.robot, q)[index], abs=ALGEBRA)
+
+
+def test_capsules_are_where_pinocchio_places_them():
+    made = coman()
+    for q in inside_limits(made, 5, 9):
+        ends = placed(made, q)[3]
+        drawn = batch.capsule_ends(made.chain, q[None])[0]
+        at = certificate.placements(made.robot, q)
+        for k, body in enumerate(made.robot.bodies):
+            along = np.array(at[k].getRotation())[:, 2] * np.linalg.norm(body.b - body.a) / 2
+            middle = np.array(at[k].getTranslation())
+            assert ends[k, 2] == pytest.approx(middle, abs=ALGEBRA)
+            assert np.allclose(ends[k, 1], middle + along, rtol=0, atol=ALGEBRA)
+            assert np.allclose(drawn[k], ends[k, :2] @ made.robot.base_rotation.T, atol=ALGEBRA)
+
+
+def test_a_whole_turn_changes_nothing():
+    made = coman()
+    q = inside_limits(made, 20, 10)
+    turned = q + 2 * np.pi * np.random.default_rng(11).integers(-3, 4, q.shape)
+    here, there = (batch.skeletons(made.chain, pose) for pose in (q, turned))
+    assert np.allclose(here, there, rtol=0, atol=ALGEBRA)
+
+
+def test_a_pose_that_is_not_finite_has_a_skeleton_that_is_not():
+    made = coman()
+    q = inside_limits(made, 3, 12)
+    q[1, made.robot.joint_names.index("WaistYaw")] = np.nan
+    x = batch.skeletons(made.chain, q)
+    assert np.isnan(x[1]).any()
+    assert np.array_equal(x[[0, 2]], batch.skeletons(made.chain, q[[0, 2]]))
+
+
+@pytest.mark.parametrize("shape", [(11,), (3, 10), (3, 12), (2, 3, 11)], ids=str)
+@pytest.mark.parametrize(
+    "door", [batch.skeletons, batch.points, batch.capsule_ends, batch.clearances],
+    ids=lambda door: door.__name__,
+)  # fmt: skip
+def test_poses_of_another_robot_are_refused_before_the_kernel_sees_them(door, shape):
+    with pytest.raises(ParameterError) as refusal:
+        door(coman().chain, np.zeros(shape))
+    assert str(refusal.value) == f"poses must have shape (n, 11), got {shape}"
+
+
+def test_no_poses_are_no_skeletons():
+    assert batch.skeletons(coman().chain, np.empty((0, 11))).shape == (0, 21)

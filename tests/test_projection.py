@@ -1,0 +1,249 @@
+"""Proj_Q: always feasible by coal, the identity where it may be, and near to the nearest pose."""
+
+import functools
+
+import numpy as np
+import pytest
+from worlds import ARMS_YAML, MARGIN, coman, edited, inside_limits, relaxed, write_arms
+
+from s3le import machine
+from s3le.certified import projection_counts
+from s3le.errors import ParameterError
+from s3le.kernels import batch
+from s3le.kernels.batch import FALLBACK, SAME, SOLVED
+from s3le.kernels.distance import reach
+from s3le.kernels.solver import blend, clearance_of, minimise, restore
+
+SAMPLES, ALPHA = 1500, 0.2
+ROUNDING = 1e-9  # [rad]
+
+
+def project(made, q):
+    return batch.project(made.chain, made.robot.anchor, q, made.margin)
+
+
+def far(a, b):
+    return np.linalg.norm(a - b, axis=1)  # [rad]
+
+
+@functools.cache
+def sampled():
+    """Relaxed poses, their clipped poses, their projections, and which of them collided."""
+    made = coman()
+    q = relaxed(made, SAMPLES, 20, ALPHA)
+    clipped = np.clip(q, made.robot.lower, made.robot.upper)
+    return q, clipped, project(made, q), batch.clearances(made.chain, clipped) < made.margin
+
+
+def blended(made, q):
+    """The authors' projection: clip, then blend towards the anchor until nothing collides."""
+    out = np.clip(q, made.robot.lower, made.robot.upper)
+    balls = reach(made.chain)
+    for row in out:
+        assert blend(made.chain, balls, made.robot.anchor, made.margin, row)
+    return out
+
+
+# --- laws
+
+
+@pytest.mark.parametrize("name", ["coman", "coman_authors"])
+@pytest.mark.parametrize("alpha", [0.0, 0.2, 1.0, 4.0])
+def test_every_projection_is_feasible_by_the_independent_check(name, alpha):
+    made = coman(name=name)
+    found = project(made, relaxed(made, 300, 21, alpha))
+    made.certifier().require(found.q, made.margin)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.005, 0.02, 0.04], ids=lambda m: f"{m * 1e3:g} mm")
+def test_another_margin_is_kept_too(margin):
+    made = coman(margin)
+    found = project(made, relaxed(made, 250, 22))
+    report = made.certifier().require(found.q, margin)
+    assert report.clearance.min() < margin + 1e-4  # [m], and the contact is used to the full
+    assert (found.how == FALLBACK).mean() < 0.05
+
+
+def test_a_feasible_pose_comes_back_to_the_bit():
+    made = coman()
+    q = inside_limits(made, 400, 23)
+    q = q[batch.clearances(made.chain, q) >= made.margin]
+    found = project(made, q)
+    assert np.array_equal(found.q, q) and len(q) > 100
+    assert (found.how == SAME).all()
+
+
+def test_projecting_twice_is_projecting_once_to_the_bit():
+    made, (_, _, once, _) = coman(), sampled()
+    twice = project(made, once.q)
+    assert np.array_equal(twice.q, once.q)
+    assert (twice.how == SAME).all()
+
+
+def test_the_given_poses_are_left_as_they_were():
+    q = relaxed(coman(), 20, 24)
+    before = q.copy()
+    project(coman(), q)
+    assert np.array_equal(q, before)
+
+
+def test_a_row_s_projection_does_not_depend_on_the_rows_around_it():
+    q, _, found, _ = sampled()
+    order = np.random.default_rng(25).permutation(len(q))
+    shuffled = project(coman(), q[order])
+    assert np.array_equal(shuffled.q, found.q[order])
+    assert np.array_equal(shuffled.how, found.how[order])
+    for row in (0, 700, 1499):
+        assert np.array_equal(project(coman(), q[row : row + 1]).q[0], found.q[row])
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_a_projection_does_not_depend_on_the_number_of_threads(monkeypatch, threads):
+    q, _, found, _ = sampled()
+    monkeypatch.setattr(batch, "workers", lambda: threads)
+    assert np.array_equal(project(coman(), q).q, found.q)
+
+
+def test_nothing_to_project_is_nothing():
+    found = project(coman(), np.empty((0, 11)))
+    assert found.q.shape == (0, 11) and found.how.shape == (0,)
+
+
+def test_progress_adds_up_to_the_rows():
+    done = []
+    made = coman()
+    batch.project(made.chain, made.robot.anchor, sampled()[0], made.margin, done.append)
+    assert sum(done) == SAMPLES
+
+
+def test_how_a_projection_came_about_is_told():
+    q, clipped, found, collided = sampled()
+    was_inside = (q == clipped).all(axis=1)
+    assert np.array_equal(found.how == SAME, was_inside & ~collided)
+    assert np.array_equal(found.q[~collided], clipped[~collided])
+    counts = projection_counts(coman(), q, found)
+    assert counts["feasible"] + counts["solved"] + counts["fallback"] == SAMPLES
+    assert counts["collided"] == collided.sum()
+
+
+# --- nearness
+
+
+def test_the_fallback_is_rare():
+    assert (sampled()[2].how == FALLBACK).mean() < 0.01
+
+
+def test_no_projection_is_farther_than_blending_towards_the_anchor():
+    made, (q, _, found, _) = coman(), sampled()
+    assert (far(found.q, q) <= far(blended(made, q), q) + ROUNDING).all()
+
+
+def test_the_joints_move_at_most_0_65_times_as_far_as_by_blending():
+    made, (q, clipped, found, collided) = coman(), sampled()
+    assert 0.4 < collided.mean() < 0.7
+    ours, theirs = far(found.q, clipped)[collided], far(blended(made, q), clipped)[collided]
+    assert np.median(ours / theirs) <= 0.65  # measured: 0.54
+
+
+def test_no_small_feasible_step_leads_nearer():
+    made, (q, _, found, collided) = coman(), sampled()
+    rng = np.random.default_rng(26)
+    for row in np.flatnonzero(collided)[:40]:
+        here = found.q[row]
+        way = rng.normal(size=(400, 11))
+        way *= rng.uniform(1e-4, 0.1, (400, 1)) / np.linalg.norm(way, axis=1, keepdims=True)
+        there = np.clip(here + way, made.robot.lower, made.robot.upper)
+        there = there[batch.clearances(made.chain, there) >= made.margin]
+        gain = np.linalg.norm(here - q[row]) - far(there, q[row])
+        assert gain.max(initial=-1.0) < 1e-3  # [rad]
+
+
+def test_a_search_over_the_whole_space_finds_poses_hardly_nearer():
+    made, (q, _, found, collided) = coman(), sampled()
+    balls, out, none = reach(made.chain), np.empty(3), np.empty(0)
+    starts = project(made, inside_limits(made, 120, 27)).q
+    rng = np.random.default_rng(28)
+    ratios = []
+    for row in np.flatnonzero(collided)[:60]:
+        ours = best = np.linalg.norm(found.q[row] - q[row])
+        for start in starts[rng.choice(len(starts), 40, replace=False)]:
+            trial = start.copy()
+            minimise(made.chain, balls, False, none, q[row], 0.0, MARGIN, True, 60, trial, out)
+            if clearance_of(made.chain, balls, trial) >= MARGIN or restore(
+                made.chain, balls, MARGIN, trial
+            ):
+                best = min(best, np.linalg.norm(trial - q[row]))
+        ratios.append(ours / best)
+    assert np.median(ratios) <= 1.1  # measured: 1.000
+    assert np.quantile(ratios, 0.95) <= 1.2  # measured: 1.000
+
+
+# --- nasty inputs
+
+NASTY = {
+    "zero (hands in the thighs)": lambda low, high, anchor: 0.0 * low,
+    "the anchor": lambda low, high, anchor: anchor,
+    "on every lower limit": lambda low, high, anchor: low,
+    "on every upper limit": lambda low, high, anchor: high,
+    "just past every limit": lambda low, high, anchor: np.nextafter(high, np.inf),
+    "far outside": lambda low, high, anchor: 100.0 * high - 50.0 * low,
+    "a million radians": lambda low, high, anchor: np.full(len(low), 1e6),
+    "minus a million": lambda low, high, anchor: np.full(len(low), -1e6),
+    "next to overflow": lambda low, high, anchor: np.full(len(low), 1e300),
+    "tiny": lambda low, high, anchor: np.full(len(low), 1e-310),
+    "one joint wild": lambda low, high, anchor: np.where(np.arange(len(low)) == 3, 1e9, anchor),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["coman", "coman_authors"])
+@pytest.mark.parametrize("make", NASTY.values(), ids=NASTY)
+def test_nasty_poses_are_projected_to_feasible_ones(name, make):
+    made = coman(name=name)
+    robot = made.robot
+    q = make(robot.lower, robot.upper, robot.anchor)[None]
+    found = project(made, q)
+    made.certifier().require(found.q, made.margin)
+    assert np.array_equal(project(made, found.q).q, found.q)
+
+
+def test_the_anchor_stays_where_it_is():
+    made = coman()
+    found = project(made, made.robot.anchor[None])
+    assert np.array_equal(found.q[0], made.robot.anchor) and found.how[0] == SAME
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf], ids=str)
+def test_a_pose_that_is_not_finite_is_refused_by_row(bad):
+    q = relaxed(coman(), 5, 29)
+    q[3, 7] = bad
+    with pytest.raises(ParameterError) as refusal:
+        project(coman(), q)
+    assert str(refusal.value) == "poses to project must be finite, row 3 is not"
+
+
+def test_poses_of_another_robot_are_refused():
+    with pytest.raises(ParameterError) as refusal:
+        project(coman(), np.zeros((2, 7)))
+    assert str(refusal.value) == "poses must have shape (n, 11), got (2, 7)"
+
+
+@pytest.mark.parametrize("upright", ["[0.0, 0.0, 0.0]", "[0.4, -1.1, 2.3]"], ids=["up", "tilted"])
+def test_another_robot_is_projected_as_well(tmp_path, upright):
+    file = write_arms(tmp_path, edited(ARMS_YAML, ("[0.0, 0.0, 0.0]", upright)))
+    made = machine.make(file, MARGIN, "midpoint")
+    q = relaxed(made, 400, 30, 0.5)
+    found = project(made, q)
+    made.certifier().require(found.q, MARGIN)
+    assert (far(found.q, q) <= far(blended(made, q), q) + ROUNDING).all()
+    assert (found.how == SOLVED).any()
+
+
+def test_a_single_joint_is_clipped_to_its_limit_and_the_others_stay():
+    made = coman()
+    q = made.robot.anchor[None].copy()
+    joint = made.robot.joint_names.index("WaistYaw")
+    q[0, joint] = 2.0
+    found = project(made, q)
+    want = made.robot.anchor.copy()
+    want[joint] = made.robot.upper[joint]
+    assert np.array_equal(found.q[0], want) and found.how[0] == SOLVED
