@@ -20,9 +20,7 @@ class Params:
 
     section: ClassVar[str] = "robot"
     robot: str = knob("robot file in data/robots, without .yaml", shared=True)
-    margin: float = knob(
-        "clearance every pose keeps [m]", at_least=0, at_most=0.1, shared=True
-    )
+    margin: float = knob("clearance every pose keeps [m]", at_least=0, at_most=0.1, shared=True)
     neck: str = knob("where the neck is", one_of=NECKS, shared=True)
 
 
@@ -36,9 +34,7 @@ def main() -> None:
     bodies = made.robot.bodies
     for pair in made.pairs:
         if pair.reason == OVERLAP and pair.kind == "limb-trunk":
-            say(
-                f"     not watched: {bodies[pair.a].name} and {bodies[pair.b].name}"
-            )
+            say(f"     not watched: {bodies[pair.a].name} and {bodies[pair.b].name}")
 
 
 if __name__ == "__main__":

@@ -63,9 +63,7 @@ def read(params: type, path: Path = PARAMS) -> Any:
     own = [f.name for f in fields(params) if not f.metadata["shared"]]
     section = tree.get(params.section, {}) if own else {}
     if not isinstance(section, dict):
-        raise ParameterError(
-            f"{path}: '{params.section}' must be a mapping, got {section!r}"
-        )
+        raise ParameterError(f"{path}: '{params.section}' must be a mapping, got {section!r}")
     for key in section.keys() - set(own):
         near = get_close_matches(str(key), own, n=1)
         hint = f"; did you mean {near[0]}?" if near else f"; it has: {', '.join(own)}"

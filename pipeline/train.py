@@ -31,6 +31,7 @@ class Params:
     hidden: int = knob("units of a hidden layer", at_least=1, at_most=8192)
     layers: int = knob("hidden layers", at_least=1, at_most=16)
     learning_rate: float = knob("of encoders and decoders", at_least=1e-9, at_most=1)
+    second_moment: float = knob("decay of Adam's squared gradients", at_least=0.5, at_most=0.9999)
     schedule: str = knob("of both learning rates", one_of=CHOICES["schedule"])
     warm_up: int = knob("steps of linear rise", at_least=0)
     weight_decay: float = knob("decoupled", at_least=0, at_most=1)
@@ -55,6 +56,7 @@ class _Wasserstein(_Own):
     """What the two methods with Wasserstein autoencoders set."""
 
     prior: str = knob("latent prior", one_of=CHOICES["prior"])
+    prior_rows: str = knob("latents held to it", one_of=CHOICES["prior_rows"])
     adversary_rate: float = knob("learning rate of the discriminators", at_least=1e-9, at_most=1)
     prior_fit: str = knob("how the prior is fitted", one_of=CHOICES["prior_fit"])
     consensus_kind: str = knob("form of the consensus", one_of=CHOICES["consensus_kind"])

@@ -137,7 +137,7 @@ def at_rate(
         ClipError: not one frame of all clips can be used.
     """
     parts, counts = [], {}
-    for clip, rows in _clips(points["clip"]):
+    for clip, rows in _clips(points["split"], points["clip"]):
         split, fps = str(points["split"][rows][0]), float(points["fps"][rows][0])
         positions = points["points"][rows].reshape(-1, len(POINTS), 3)
         sampled = resample(Clip(clip, fps, positions), rate)
@@ -165,9 +165,10 @@ def at_rate(
     return motion, counts
 
 
-def _clips(names: np.ndarray) -> Iterator[tuple[str, slice]]:
-    """Each clip's name and its rows, which are consecutive."""
-    starts = np.flatnonzero(np.r_[True, names[1:] != names[:-1]])
+def _clips(splits: np.ndarray, names: np.ndarray) -> Iterator[tuple[str, slice]]:
+    """Each clip's name and its rows, which are consecutive; one name in two splits is two clips."""
+    changes = (names[1:] != names[:-1]) | (splits[1:] != splits[:-1])
+    starts = np.flatnonzero(np.r_[True, changes])
     for begin, end in zip(starts, np.r_[starts[1:], len(names)], strict=True):
         yield str(names[begin]), slice(int(begin), int(end))
 

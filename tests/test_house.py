@@ -23,7 +23,8 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "coal": ("s3le/robot/",),
     "numba": ("s3le/kernels/",),
     "torch": tuple(
-        f"s3le/{room}.py" for room in ("models", "losses", "batches", "training", "artifact")
+        f"s3le/{room}.py"
+        for room in ("models", "losses", "batches", "training", "artifact", "synthetic")
     ),
     "safetensors": ("s3le/artifact.py",),
     "polars": ("s3le/tables/", "s3le/store.py"),
@@ -151,8 +152,7 @@ def test_every_key_of_params_yaml_has_a_sentence():
     )
     for line in (ROOT / "params.yaml").read_text(encoding="utf-8").splitlines():
         if line and not line.startswith("#") and ":" in line and not line.rstrip().endswith(":"):
-            repeated = line.strip().startswith(own)  # explained under s3le, where it first stands
-            assert "#" in line or repeated, f"params.yaml: no sentence beside {line.strip()!r}"
+            assert "#" in line, f"params.yaml: no sentence beside {line.strip()!r}"
 
 
 @pytest.mark.parametrize("stage", STAGES)
@@ -188,7 +188,7 @@ def test_rooms_that_are_apart_do_not_reach_each_other(path):
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_files_can_be_read_in_one_sitting(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 420
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 450
 
 
 @pytest.mark.parametrize("path", sorted(p for p in FILES if p.name == "__init__.py"), ids=str)

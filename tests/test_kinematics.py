@@ -18,7 +18,7 @@ from worlds import (
 
 from s3le import machine
 from s3le.errors import ParameterError
-from s3le.kernels import batch
+from s3le.kernels import batch, compiled
 from s3le.robot import certificate
 from s3le.skeleton import NECKS, POINTS, features
 
@@ -149,3 +149,14 @@ def test_poses_of_another_robot_are_refused_before_the_kernel_sees_them(door, sh
 
 def test_no_poses_are_no_skeletons():
     assert batch.skeletons(coman().chain, np.empty((0, 11))).shape == (0, 21)
+
+
+def test_stored_machine_code_is_keyed_by_the_text_of_every_kernel(tmp_path, monkeypatch):
+    where = batch._project.stats.cache_path
+    assert f"kernels-{compiled.key()}" in where
+    for file in compiled._HERE.glob("*.py"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    monkeypatch.setattr(compiled, "_HERE", tmp_path)
+    assert compiled.key() in where
+    (tmp_path / "solver.py").write_text((tmp_path / "solver.py").read_text() + "# edited\n")
+    assert compiled.key() not in where

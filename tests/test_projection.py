@@ -55,7 +55,7 @@ def test_every_projection_is_feasible_by_the_independent_check(name, alpha):
     made.certifier().require(found.q, made.margin)
 
 
-@pytest.mark.parametrize("margin", [0.0, 0.005, 0.02, 0.04], ids=lambda m: f"{m * 1e3:g} mm")
+@pytest.mark.parametrize("margin", [0.0, 0.005, 0.012], ids=lambda m: f"{m * 1e3:g} mm")
 def test_another_margin_is_kept_too(margin):
     made = coman(margin)
     found = project(made, relaxed(made, 250, 22))
@@ -174,8 +174,8 @@ def test_a_search_over_the_whole_space_finds_poses_hardly_nearer():
             ):
                 best = min(best, np.linalg.norm(trial - q[row]))
         ratios.append(ours / best)
-    assert np.median(ratios) <= 1.1  # measured: 1.000
-    assert np.quantile(ratios, 0.95) <= 1.2  # measured: 1.000
+    assert np.median(ratios) <= 1.1  # measured: 1.000, on 300 samples 1.000
+    assert np.quantile(ratios, 0.95) <= 1.2  # measured: 1.000, on 300 samples 1.000
 
 
 # --- nasty inputs

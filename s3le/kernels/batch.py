@@ -9,10 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from s3le.errors import ParameterError
 from s3le.kernels.chain import Chain
+from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import place_capsules, reach
 from s3le.kernels.kinematics import bones, place
 from s3le.kernels.solver import blend, clearance_of, minimise, restore
@@ -130,9 +130,17 @@ def follow(
         margin: clearance wanted [m].
         constrained: respect limits and margin; otherwise neither.
         progress: called with numbers of rows done.
+
+    Raises:
+        ParameterError: x or starts have another shape.
     """
     starts = np.ascontiguousarray(starts, float)
     x = np.ascontiguousarray(x, float)
+    if x.ndim != 2 or x.shape[1] != 21:
+        raise ParameterError(f"skeletons must have shape (n, 21), got {x.shape}")
+    n_dof = len(chain.parent)
+    if starts.ndim != 3 or starts.shape[::2] != (len(x), n_dof):
+        raise ParameterError(f"starts must have shape ({len(x)}, k, {n_dof}), got {starts.shape}")
     q = np.empty((len(x), starts.shape[2]))
     cost = np.empty(len(x))
     feasible = np.empty(len(x), np.bool_)
@@ -170,7 +178,7 @@ def _spread(work: Callable[[slice], None], n: int, progress: Progress | None) ->
                 progress(rows.stop - rows.start)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _skeletons(chain, q, x):
     n = q.shape[1]
     R = np.empty((n + 1, 3, 3))
@@ -182,14 +190,14 @@ def _skeletons(chain, q, x):
         bones(chain, R, p, z, x[row], none)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _turn(rotation, v, out):
     """Out = rotation v; numba's own matrix product would need scipy at run time."""
     for i in range(3):
         out[i] = rotation[i, 0] * v[0] + rotation[i, 1] * v[1] + rotation[i, 2] * v[2]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _points(chain, q, at):
     n = q.shape[1]
     v = np.empty(3)
@@ -206,7 +214,7 @@ def _points(chain, q, at):
             _turn(chain.base, v, at[row, k])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _capsule_ends(chain, q, out):
     n = q.shape[1]
     R = np.empty((n + 1, 3, 3))
@@ -221,13 +229,13 @@ def _capsule_ends(chain, q, out):
                 _turn(chain.base, ends[k, side], out[row, k, side])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _clearances(chain, balls, q, out):
     for row in range(len(q)):
         out[row] = clearance_of(chain, balls, q[row])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _project(chain, balls, anchor, margin, q, how):
     n = q.shape[1]
     out = np.empty(3)
@@ -265,7 +273,7 @@ def _project(chain, balls, anchor, margin, q, how):
         q[row] = kept
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _far(a, b):
     total = 0.0
     for i in range(len(a)):
@@ -273,7 +281,7 @@ def _far(a, b):
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _follow(chain, balls, x, starts, q_ref, ridge, margin, constrained, q, cost, feasible):
     out = np.empty(3)
     for row in range(len(x)):

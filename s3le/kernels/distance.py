@@ -1,12 +1,13 @@
 """Signed capsule distances over the watched pairs, with gradients, compiled."""
 
 import numpy as np
-from numba import njit
+
+from s3le.kernels.compiled import compiled
 
 _TINY = 1e-12  # [m], under this two segments count as meeting
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def place_capsules(chain, R, p, ends):
     """World ends and centre of every capsule's segment: ends (b, 3, 3) [m], rows a, b, centre."""
     for k in range(len(chain.body_frame)):
@@ -22,7 +23,7 @@ def place_capsules(chain, R, p, ends):
             ends[k, 2, i] = 0.5 * (a + b)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def reach(chain):
     """Radius [m] of the ball around each capsule's centre that contains it, (b,)."""
     out = np.empty(len(chain.body_radius))
@@ -32,7 +33,7 @@ def reach(chain):
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def nearest_on_segments(A, B, witness):
     """Distance [m] between segments A and B (rows 0 and 1), nearest points into witness (2, 3).
 
@@ -88,7 +89,7 @@ def nearest_on_segments(A, B, witness):
     return np.sqrt(total)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _apart(r, d1, d2, s, t):
     """Squared distance [m^2] of the points at s and t."""
     total = 0.0
@@ -97,7 +98,7 @@ def _apart(r, d1, d2, s, t):
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def separation(A, B, witness, normal):
     """Distance between two segments; normal (3,) from A to B, defined even where they meet."""
     gap = nearest_on_segments(A, B, witness)
@@ -131,7 +132,7 @@ def separation(A, B, witness, normal):
     return gap
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def clearance(chain, ends, balls):
     """Least signed distance [m] over the watched pairs and the row of the pair that has it."""
     best = np.inf
@@ -153,7 +154,7 @@ def clearance(chain, ends, balls):
     return best, which
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def near_pairs(chain, ends, balls, p, z, band, d, G):
     """Distances and gradients of the watched pairs closer than band.
 

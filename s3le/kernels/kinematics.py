@@ -1,10 +1,11 @@
 """Forward kinematics, the seven bones and their Jacobian, for one pose at a time, compiled."""
 
 import numpy as np
-from numba import njit
+
+from s3le.kernels.compiled import compiled
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def place(chain, q, R, p, z):
     """Place every frame: R (n+1, 3, 3), p (n+1, 3) [m]; z (n, 3), joint axes in the base frame."""
     n = len(q)
@@ -35,7 +36,7 @@ def place(chain, q, R, p, z):
             R[j + 1, i, 2] = a0 * t02 + a1 * t12 + a2 * t22
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def bones(chain, R, p, z, x, J):
     """The seven unit vectors and their Jacobian in the frame x forward, y left, z up.
 

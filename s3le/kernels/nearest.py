@@ -3,9 +3,9 @@
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
 
 from s3le.kernels.batch import Progress, workers
+from s3le.kernels.compiled import compiled
 
 _QUERIES = 16  # a worker's share: the stored rows then pass through the cache once for all of them
 
@@ -40,7 +40,7 @@ def nearest(
     return row, distance if metric == "l1" else np.sqrt(distance)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _nearest(stored, queries, absolute, row, distance):
     d = stored.shape[1]
     for i in range(len(stored)):

@@ -9,12 +9,13 @@ proves infeasibility when there is no solution.
 """
 
 import numpy as np
-from numba import njit
+
+from s3le.kernels.compiled import compiled
 
 SOLVED, INFEASIBLE, STALLED = 0, 1, 2
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def inverse_factor(H, J):
     """J (n, n) = L^-T of the Cholesky factor L of H; False where H is not positive definite."""
     n = len(H)
@@ -42,7 +43,7 @@ def inverse_factor(H, J):
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def solve(J0, g, lower, upper, G, h, m, s, most):
     """Solve the program.
 
@@ -164,7 +165,7 @@ def solve(J0, g, lower, upper, G, h, m, s, most):
     return STALLED
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _rotate_columns(J, a, b, c, s):
     for i in range(len(J)):
         x, y = J[i, a], J[i, b]
@@ -172,7 +173,7 @@ def _rotate_columns(J, a, b, c, s):
         J[i, b] = -s * x + c * y
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _add(J, R, d, used):
     """Take the constraint with J'n = d into the active set: rotate d's tail into one entry."""
     n = len(d)
@@ -187,7 +188,7 @@ def _add(J, R, d, used):
         R[i, used] = d[i]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _drop(J, R, active, u, leaving, used):
     """Remove one active constraint and make R triangular again."""
     for k in range(leaving, used - 1):

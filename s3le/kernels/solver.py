@@ -12,8 +12,8 @@ cannot cycle. What it returns is a candidate: the caller decides by clearance.
 """
 
 import numpy as np
-from numba import njit
 
+from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import (
     clearance,
     near_pairs,
@@ -27,7 +27,7 @@ _SLACK = 1e-6  # [m], aimed for beyond the margin, so that rounding cannot fall 
 _BAND = 0.10  # [m], pairs farther than this over the margin do not enter a quadratic program
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def minimise(chain, balls, follow, x_ref, q_ref, ridge, margin, collide, steps, q, out):
     """Improve q in place.
 
@@ -173,7 +173,7 @@ def minimise(chain, balls, follow, x_ref, q_ref, ridge, margin, collide, steps, 
     out[2] = done
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def restore(chain, balls, margin, q):
     """Push q, which is nearly feasible, to margin by least-change steps; True when it is there."""
     n = len(q)
@@ -207,7 +207,7 @@ def restore(chain, balls, margin, q):
     return False
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def clearance_of(chain, balls, q):
     """Least signed distance [m] over the watched pairs at q; NaN where q is not finite."""
     n = len(q)
@@ -223,7 +223,7 @@ def clearance_of(chain, balls, q):
     return clearance(chain, ends, balls)[0]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def blend(chain, balls, anchor, margin, q):
     """Move q towards the anchor until it is feasible; False where the anchor itself is not.
 
@@ -267,7 +267,7 @@ def blend(chain, balls, anchor, margin, q):
     return clearance_of(chain, balls, q) >= margin
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _objective(follow, x, x_ref, q, q_ref, ridge):
     cost = 0.0
     for i in range(len(q)):
@@ -280,7 +280,7 @@ def _objective(follow, x, x_ref, q, q_ref, ridge):
     return 0.5 * cost
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _violation(d, m, goal):
     total = 0.0
     for k in range(m):

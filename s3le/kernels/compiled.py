@@ -1,0 +1,33 @@
+"""The one way a kernel is compiled, and where the machine code is kept between runs.
+
+numba renews the stored code of a function when the function's own file changes, not when a file
+it calls into does: after an edit of solver.py the old solver would go on running inside batch.py.
+So the store is keyed by the text of every kernel.
+"""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+from numba import config, njit
+
+_HERE = Path(__file__).parent
+
+
+def key() -> str:
+    """Hash of the text of all kernels."""
+    texts = [path.read_bytes() for path in sorted(_HERE.glob("*.py"))]
+    return hashlib.sha256(b"\0".join(texts)).hexdigest()[:16]
+
+
+_STORE = Path(config.CACHE_DIR or _HERE / "__pycache__") / f"kernels-{key()}"
+
+
+def compiled(function: Callable) -> Callable:
+    """Compile a function of arrays: at its first call, without the interpreter's lock, stored."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(_STORE)  # read while the function is wrapped, not later
+    try:
+        return njit(cache=True, nogil=True)(function)
+    finally:
+        config.CACHE_DIR = before
