@@ -33,8 +33,10 @@ def main(
     batch.project(chain, arm.anchor, np.zeros((2, arm.n_dof)), margin)  # compile
     blend(chain, balls, arm.anchor, margin, arm.anchor.copy())
     print(f"{arm.name}: {len(it.watched)} pairs, margin {margin * 1e3:g} mm, {samples} samples")
-    print("alpha  collide  | moved by blending  by Proj_Q  median ratio  p95 ratio | fallback", end="")
-    print("  us a sample: blending  Proj_Q  (one core)")
+    print(
+        "alpha  collide  | moved by blending  by Proj_Q  median ratio  p95 ratio | fallback"
+        "  us a sample: blending  Proj_Q  (one core)"
+    )
     for alpha in (0.2, 0.5, 1.0):
         low, high = relaxed_limits(arm.lower, arm.upper, alpha)
         q = np.random.default_rng(0).uniform(low, high, (samples, arm.n_dof))

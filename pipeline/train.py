@@ -48,6 +48,7 @@ class _Own:
     batch_domain: int = knob("rows a step of each domain's own data", at_least=1)
     weight_recon_x: float = knob("weight of c in X", at_least=0)
     weight_recon_q: float = knob("weight of c in Y", at_least=0)
+    consensus_kind: str = knob("form of the consensus", one_of=CHOICES["consensus_kind"])
     weight_consensus: float = knob("weight of the latent consensus", at_least=0)
 
 
@@ -59,7 +60,6 @@ class _Wasserstein(_Own):
     prior_rows: str = knob("latents held to it", one_of=CHOICES["prior_rows"])
     adversary_rate: float = knob("learning rate of the discriminators", at_least=1e-9, at_most=1)
     prior_fit: str = knob("how the prior is fitted", one_of=CHOICES["prior_fit"])
-    consensus_kind: str = knob("form of the consensus", one_of=CHOICES["consensus_kind"])
     reconstruct: str = knob("what x~ decodes to", one_of=CHOICES["reconstruct"])
     mixup: bool = knob("use x' among the pairs")
     weight_x_to_q: float = knob("weight of decoding x~ to q-bar; not in the paper", at_least=0)

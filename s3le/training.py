@@ -54,14 +54,14 @@ POSITIVE = ("steps", "batch_domain", "latent", "hidden", "layers", "learning_rat
 class Training:
     """Hyper-parameters of one training; the paper's values are named where it gives any."""
 
-    steps: int = 4000
-    batch: int = 256  # sampled tuples per step
-    batch_pairs: int = 64  # mocap tuples per step
-    batch_domain: int = 256  # rows per step of each domain's own data
-    latent: int = 14  # dimension of Z (paper: silent)
+    steps: int = 6000
+    batch: int = 128  # sampled tuples per step
+    batch_pairs: int = 32  # mocap tuples per step
+    batch_domain: int = 64  # rows per step of each domain's own data
+    latent: int = 32  # dimension of Z (paper: silent)
     hidden: int = 512  # (paper)
     layers: int = 3  # (paper)
-    learning_rate: float = 1e-3  # (paper)
+    learning_rate: float = 3e-3  # (paper: 1e-3)
     schedule: str = "cosine"  # of both learning rates: warm-up, then to 0; or constant
     warm_up: int = 100  # steps of linear rise, either schedule
     second_moment: float = 0.95  # decay of Adam's squared gradients; 0.999 learns FK half as fast
@@ -70,18 +70,18 @@ class Training:
     tau: float = 1.0  # temperature of NT-Xent (paper)
     prior: str = "ball"  # uniform in the unit ball, or normal
     prior_fit: str = "adversarial"  # (paper), or mmd, or none
-    prior_rows: str = "all"  # rows that the prior is fitted to: tuples, domain data, or all
+    prior_rows: str = "tuples"  # rows that the prior is fitted to: tuples, domain data, or all
     adversary_rate: float = 2e-4  # learning rate of the discriminators
-    weight_recon_x: float = 1.0  # of c in X (paper: 1)
-    weight_recon_q: float = 1.0  # of c in Y (paper: 1)
-    weight_consensus: float = 1.0
-    weight_nt_xent: float = 1.0
+    weight_recon_x: float = 50.0  # of c in X; the paper leaves the scale of c open
+    weight_recon_q: float = 0.3  # of c in Y: q keeps what x cannot see, so it must not dominate
+    weight_consensus: float = 3.0  # (paper: silent)
+    weight_nt_xent: float = 50.0  # (paper: silent)
     weight_x_to_q: float = 0.0  # decoder_y(encoder_x(x~)) against q-bar; not in the paper
     weight_q_to_x: float = 0.0  # decoder_x(encoder_y(q-bar)) against x-bar; not in the paper
-    consensus_kind: str = "plain"  # eq. (lc_loss), or normalised
+    consensus_kind: str = "normalised"  # the authors' code; or plain, eq. (lc_loss)
     reconstruct: str = "itself"  # decode x~ to itself (paper), or to the feasible x-bar
     mixup: bool = True  # x' among the consensus and NT-Xent pairs
-    precision: str = "float32"  # of the networks' products; bf16 keeps weights in float32
+    precision: str = "bf16"  # of the networks' products; bf16 keeps weights in float32
     threads: int = 0  # CPU threads; 0: as torch finds them. Part of what fixes the bits.
     seed: int = 0
     checkpoint_every: int = 500  # steps; 0: never

@@ -140,16 +140,6 @@ def test_params_yaml_holds_every_key_once_and_no_other():
 
 
 def test_every_key_of_params_yaml_has_a_sentence():
-    own = (
-        "steps",
-        "batch",
-        "weight",
-        "rows",
-        "prior_fit",
-        "consensus_kind",
-        "reconstruct",
-        "mixup",
-    )
     for line in (ROOT / "params.yaml").read_text(encoding="utf-8").splitlines():
         if line and not line.startswith("#") and ":" in line and not line.rstrip().endswith(":"):
             assert "#" in line, f"params.yaml: no sentence beside {line.strip()!r}"

@@ -24,6 +24,14 @@ TINY = Training(
     batch_domain=16,
     latent=4,
     hidden=16,
+    learning_rate=1e-3,
+    prior_rows="all",
+    consensus_kind="plain",
+    weight_recon_x=1.0,
+    weight_recon_q=1.0,
+    weight_consensus=1.0,
+    weight_nt_xent=1.0,
+    precision="float32",
     warm_up=2,
     threads=1,
     checkpoint_every=4,
@@ -115,26 +123,28 @@ class KilledError(Exception):
     """Stands for the process dying."""
 
 
+@pytest.mark.parametrize("precision", ["float32", "bf16"])
 @pytest.mark.parametrize("method", ["s3le", "lwl2", "ale"])
 @pytest.mark.parametrize("death", [3, 7, 11])
-def test_a_killed_training_resumes_to_the_same_bits(tmp_path, method, death):
+def test_a_killed_training_resumes_to_the_same_bits(tmp_path, method, death, precision):
     data, path = world(), tmp_path / "checkpoint"
-    whole = train(method, data, TINY, device="cpu")
+    hyper = dataclasses.replace(TINY, precision=precision)
+    whole = train(method, data, hyper, device="cpu")
 
     def die(step, total, terms):
         if step == death:
             raise KilledError
 
     with pytest.raises(KilledError):
-        train(method, data, TINY, device="cpu", checkpoint=path, on_step=die)
+        train(method, data, hyper, device="cpu", checkpoint=path, on_step=die)
     seen = []
     resumed = train(
-        method, data, TINY, device="cpu", checkpoint=path, on_step=lambda s, *_: seen.append(s)
+        method, data, hyper, device="cpu", checkpoint=path, on_step=lambda s, *_: seen.append(s)
     )
     assert seen[0] == death // 4 * 4 + 1  # goes on from the last checkpoint
     assert same(whole.weights, resumed.weights)
     assert whole.history == resumed.history
-    again = train(method, data, TINY, device="cpu", checkpoint=path)  # all done: no step left
+    again = train(method, data, hyper, device="cpu", checkpoint=path)  # all done: no step left
     assert same(whole.weights, again.weights)
     assert whole.history == again.history
 
@@ -299,6 +309,8 @@ def test_the_rate_rises_then_falls_to_zero_or_stays():
         {"precision": "bf16"},
         {"prior_fit": "none"},
         {"prior": "normal"},
+        {"prior_rows": "tuples"},
+        {"second_moment": 0.9},
         {"consensus_kind": "normalised"},
         {"reconstruct": "feasible"},
         {"mixup": False},
