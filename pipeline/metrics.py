@@ -1,4 +1,4 @@
-"""Stage `metrics`: every stage's figures -> reports/metrics.json and reports/motions.csv."""
+"""Stage `metrics`: every stage's figures -> reports/metrics.json, methods.csv, motions.csv."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,7 @@ ROBOT = Path("data/robot")
 COUNTS = Path("data/counts")
 TRUTH = Path("data/ground_truth.parquet")
 OUT = Path("reports/metrics.json")
+METHODS = Path("reports/methods.csv")
 MOTIONS = Path("reports/motions.csv")
 
 
@@ -29,7 +30,7 @@ def main() -> None:
     params = read(Params)
     robot = machine.read(ROBOT)
     stages = ("skeletons", "pair", "sample", "poses")
-    tree, motions = metrics.merge(
+    tree, table, motions = metrics.merge(
         robot,
         params.clips,
         {stage: store.read_json(COUNTS / f"{stage}.json", stage) for stage in stages},
@@ -37,6 +38,7 @@ def main() -> None:
         {e: store.read_json(COUNTS / f"evaluate-{e}.json", f"evaluate@{e}") for e in ENTRIES},
     )
     store.write_json(tree, OUT)
+    store.write_csv(table, METHODS)
     store.write_csv(motions, MOTIONS)
     for split, part in tree["splits"].items():
         say(f"{split}: mean cosine distance to the ground truth, collisions")

@@ -101,7 +101,14 @@ def _checked(path: Path, where: str, f: Any, value: Any) -> Any:
 def bar(total: int, what: str) -> Iterator[Callable[[int], object]]:
     """A progress bar; yields the function to call with numbers of rows done."""
     with tqdm(total=total, desc=what, unit=" rows", unit_scale=True, file=sys.stderr) as shown:
-        yield shown.update
+        shown.set_postfix_str("kernels compile at first use")
+
+        def advance(rows: int) -> None:
+            if shown.n == 0:
+                shown.set_postfix_str("", refresh=False)
+            shown.update(rows)
+
+        yield advance
 
 
 @contextmanager

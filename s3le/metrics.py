@@ -15,7 +15,7 @@ def merge(
     counts: Mapping[str, Mapping[str, Any]],
     truth: Mapping[str, np.ndarray],
     figures: Mapping[str, Mapping[str, Any]],
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+) -> tuple[dict[str, Any], list[dict[str, Any]], list[dict[str, Any]]]:
     """Put the stages' figures together.
 
     Args:
@@ -26,8 +26,8 @@ def merge(
         figures: by entry, what comparison.answer found for each split.
 
     Returns:
-        Pair (metrics, motions): the tree for reports/metrics.json, and one row for each split,
-        motion and entry.
+        Triple (metrics, methods, motions): the tree for reports/metrics.json, one row for each
+        split and entry, and one for each split, motion and entry; "bar" names a row in a chart.
     """
     splits: dict[str, Any] = {}
     motions = []
@@ -38,7 +38,8 @@ def merge(
             found = figures[name][split]
             methods[name] = {key: found["all"][key] for key in found["all"] if key != "frames"}
             for clip, values in found["motions"].items():
-                motions.append({"split": split, "clip": clip, "method": name} | values)
+                where = {"split": split, "clip": clip, "method": name}
+                motions.append(where | {"bar": f"{split} {clip}: {name}"} | values)
         splits[split] = {
             "clips": len(set(truth["clip"][at].tolist())),
             "frames": int(at.sum()),
@@ -64,4 +65,9 @@ def merge(
         "poses": counts["poses"],
         "splits": splits,
     }
-    return tree, motions
+    table = [
+        {"split": split, "method": name, "bar": f"{split}: {ENTRIES[name].label}"} | found
+        for split, part in splits.items()
+        for name, found in part["methods"].items()
+    ]
+    return tree, table, motions

@@ -252,3 +252,13 @@ def test_a_table_of_another_robot_stops_the_stage(clean):
     assert done.returncode == 2
     assert done.stderr.startswith("TableError: data/mocap_pairs.parquet was made for robot 'coman ")
     assert "dvc repro pair" in done.stderr
+
+
+def test_clips_may_lie_anywhere_and_a_change_in_them_is_seen(clean, tmp_path):
+    swing(tmp_path / "clips" / "train" / "a.txt", 0.0, 9)
+    swing(tmp_path / "clips" / "test" / "b.txt", 1.0, 9)
+    set_params(clean, {"clips": str(tmp_path / "clips")})
+    assert {"clips", "skeletons"} <= ran(good(clean, "dvc", "repro", "skeletons"))
+    assert ran(good(clean, "dvc", "repro", "skeletons")) == set()
+    swing(tmp_path / "clips" / "test" / "b.txt", 2.0, 9)
+    assert {"clips", "skeletons"} <= ran(good(clean, "dvc", "repro", "skeletons"))

@@ -117,8 +117,8 @@ def test_missing_trials_are_named_together_with_what_to_do(server, tmp_path, man
         sources.cmu(manifest, tmp_path / "c", server.base, **FAST)
     assert str(error.value) == (
         f"2 of 3 trials cannot be had: 01_02, 79_03; first: {server.base}/subjects/01/01_02.amc.gz:"
-        f" HTTP status 404; run again to go on from {tmp_path / 'c'}, or give a folder with "
-        "subjects/SS/SS_TT.amc as base, or allow trials to be skipped"
+        f" HTTP status 404; run again to go on from {tmp_path / 'c'}, or name a folder with "
+        "subjects/SS/SS_TT.amc in clips_mirror, or set clips_missing: skip"
     )
     found = sources.cmu(manifest, tmp_path / "c", server.base, missing="skip", **FAST)
     assert [s.clip for s in found.clips] == ["01_01"]

@@ -196,8 +196,8 @@ def cmu(
         first = next(iter(lost.values()))
         raise FetchError(
             f"{len(lost)} of {len(rows)} trials cannot be had: {', '.join(lost)}; first: {first}; "
-            f"run again to go on from {cache}, or give a folder with subjects/SS/SS_TT.amc as "
-            "base, or allow trials to be skipped"
+            f"run again to go on from {cache}, or name a folder with subjects/SS/SS_TT.amc in "
+            "clips_mirror, or set clips_missing: skip"
         )
     return Sources(found, [f"{trial}: {why}" for trial, why in lost.items()])
 
