@@ -58,7 +58,8 @@ def main() -> None:
         "strip": "figures/strip.png",
         "curves": "figures/training.png",
     }
-    store.write_text(page.markdown(tree, histories, pictures), REPORTS / "report.md")
+    text = page.markdown(tree, histories, pictures, robot.unwatched())
+    store.write_text(text, REPORTS / "report.md")
     say(f"read {REPORTS / 'report.md'}")
 
 

@@ -7,7 +7,6 @@ from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
 from s3le import machine
-from s3le.robot.pairs import OVERLAP
 from s3le.skeleton import NECKS
 
 ROBOTS = Path("data/robots")
@@ -31,10 +30,9 @@ def main() -> None:
     machine.write(made, OUT)
     for reason, count in sorted(Counter(pair.reason for pair in made.pairs).items()):
         say(f"{count:4d} pairs of bodies: {reason}")
-    bodies = made.robot.bodies
-    for pair in made.pairs:
-        if pair.reason == OVERLAP and pair.kind == "limb-trunk":
-            say(f"     not watched: {bodies[pair.a].name} and {bodies[pair.b].name}")
+    for first, second, kind, reason in made.unwatched():
+        if kind == "limb-trunk":
+            say(f"     not watched, {reason}: {first} and {second}")
 
 
 if __name__ == "__main__":

@@ -47,6 +47,15 @@ class Machine:
         """Name, digest and settings: what a table says it was made for."""
         return f"{self.robot.name} {self.robot.digest} margin={self.margin!r} neck={self.neck}"
 
+    def unwatched(self) -> list[tuple[str, str, str, str]]:
+        """Pairs that could move but are not watched: both bodies, what they are, and why."""
+        bodies = self.robot.bodies
+        return [
+            (bodies[pair.a].name, bodies[pair.b].name, pair.kind, pair.reason)
+            for pair in self.pairs
+            if pair.reason not in (pairs.WATCHED, pairs.FIXED)
+        ]
+
     def certifier(self) -> Certifier:
         """A fresh independent checker (one per thread)."""
         return Certifier(self.robot, self.watched)

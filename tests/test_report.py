@@ -386,6 +386,12 @@ def test_page_says_what_was_not_measured():
     assert text.count("Figure: not drawn.") == 3
 
 
+def test_page_lists_the_pairs_that_are_not_watched():
+    text = page.markdown({}, {}, {}, [("DWYTorso", "LShr", "limb-trunk", "overlap at the anchor")])
+    assert "| DWYTorso | LShr | limb-trunk | overlap at the anchor |" in text
+    assert "not watched\n" not in page.markdown({}, {}, {})
+
+
 def test_page_of_nothing_invents_nothing():
     text = page.markdown({}, {}, {})
     assert "Results: not measured." in text

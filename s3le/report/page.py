@@ -6,7 +6,7 @@ for a distance d.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from s3le.methods import ENTRIES
@@ -54,6 +54,7 @@ def markdown(
     metrics: Mapping[str, Any],
     training: Mapping[str, list[Mapping[str, float]]],
     figures: Mapping[str, str],
+    unwatched: Sequence[tuple[str, str, str, str]] = (),
 ) -> str:
     """Write the page.
 
@@ -68,6 +69,9 @@ def markdown(
         figures: path of each picture, relative to the page: "bars", "strip", "curves", or any
             other name.
 
+        unwatched: pairs of bodies that do not count for clearance: first body, second body, what
+            they are (e.g. "limb-trunk"), and why.
+
     Returns:
         The page, ending in a newline.
     """
@@ -77,6 +81,7 @@ def markdown(
         *_splits(_at(metrics, "splits")),
         *_pictures(figures),
         *_guarantees(metrics),
+        *_unwatched(unwatched),
         *_data(metrics),
         *_training(training),
         "Wall times are no part of a result; those of the last run stand in `timing.json`.",
@@ -253,6 +258,20 @@ def _guarantees(metrics: Mapping[str, Any]) -> list[str]:
         "may pass through one that collides, and nothing here bounds its speed.\n"
         "- Not guaranteed: ALE's poses; pairs of bodies that are not watched; balance; the real "
         "robot where it differs from its collision bodies; and that a pose resembles the human.",
+    ]
+
+
+def _unwatched(pairs: Sequence[tuple[str, str, str, str]]) -> list[str]:
+    if not pairs:
+        return []
+    rows = [[_text(cell) for cell in pair] for pair in pairs]
+    return [
+        "## Pairs of bodies that are not watched",
+        _table(["body", "body", "what they are", "why"], rows),
+        "How to read it: two bodies that already overlap in the anchor pose (when grown a little) "
+        "are neighbours by construction, and their distance cannot serve as a warning; bodies that "
+        "cannot move relative to each other are left out here. All pairs stand in "
+        "`data/robot/pairs.parquet`.",
     ]
 
 

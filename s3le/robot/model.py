@@ -23,7 +23,7 @@ from s3le.robot.description import MAPPED, Description, read_description
 class Body(NamedTuple):
     """A capsule fixed to a joint: all points within radius of a segment."""
 
-    name: str  # the link's name
+    name: str  # the link's name and the number of this body on it
     joint: int  # index into the moving joints; -1 for the base and all that stands still
     a: np.ndarray  # one end of the segment [m], (3,), in the joint's frame
     b: np.ndarray  # the other end [m]
