@@ -29,7 +29,7 @@ def main() -> None:
     found = clips.find(params.clips, CLIPS, CACHE, params.clips_mirror, params.clips_missing)
     for line in found.left_out:
         say(f"left out: {line}")
-    with bar(len(found.clips), "reading clips") as progress:
+    with bar(len(found.clips), "reading clips", unit="clips", wait="") as progress:
         frames = clips.load(found, progress)
     store.write(frames._asdict(), MOCAP_POINTS, OUT)
 

@@ -98,10 +98,19 @@ def _checked(path: Path, where: str, f: Any, value: Any) -> Any:
 
 
 @contextmanager
-def bar(total: int, what: str) -> Iterator[Callable[[int], object]]:
-    """A progress bar; yields the function to call with numbers of rows done."""
-    with tqdm(total=total, desc=what, unit=" rows", unit_scale=True, file=sys.stderr) as shown:
-        shown.set_postfix_str("kernels compile at first use")
+def bar(
+    total: int, what: str, unit: str = "rows", wait: str = "kernels compile at first use"
+) -> Iterator[Callable[[int], object]]:
+    """A progress bar; yields the function to call with numbers of rows done.
+
+    Args:
+        total: how many there are.
+        what: what is being done.
+        unit: what is counted.
+        wait: what is said until the first of them is done.
+    """
+    with tqdm(total=total, desc=what, unit=f" {unit}", unit_scale=True, file=sys.stderr) as shown:
+        shown.set_postfix_str(wait)
 
         def advance(rows: int) -> None:
             if shown.n == 0:

@@ -267,7 +267,7 @@ def _unwatched(pairs: Sequence[tuple[str, str, str, str]]) -> list[str]:
     rows = [[_text(cell) for cell in pair] for pair in pairs]
     return [
         "## Pairs of bodies that are not watched",
-        _table(["body", "body", "what they are", "why"], rows),
+        _table(["body", "body", "what they are", "why"], rows, words=True),
         "How to read it: two bodies that already overlap in the anchor pose (when grown a little) "
         "are neighbours by construction, and their distance cannot serve as a warning; bodies that "
         "cannot move relative to each other are left out here. All pairs stand in "
@@ -350,8 +350,9 @@ def _training(training: Mapping[str, list[Mapping[str, float]]]) -> list[str]:
     ]
 
 
-def _table(titles: list[str], rows: list[list[str]]) -> str:
-    lines = [titles, ["---"] + ["---:" if len(titles) > 3 else "---"] * (len(titles) - 1), *rows]
+def _table(titles: list[str], rows: list[list[str]], words: bool = False) -> str:
+    numbers = len(titles) > 3 and not words  # numbers stand to the right
+    lines = [titles, ["---"] + ["---:" if numbers else "---"] * (len(titles) - 1), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
