@@ -19,6 +19,11 @@ TABLES = {
     "robot_poses": robot_poses,
     "kinematic_pairs": kinematic_pairs,
 }
+PLACE = {  # one file, or a folder of shards
+    "mocap_pairs": "mocap_pairs.parquet",
+    "robot_poses": "robot_poses",
+    "kinematic_pairs": "kinematic_pairs",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +41,9 @@ def main(name: str) -> None:
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
     tables = {
-        part: store.read(TABLES[part](n_dof, robot.margin), DATA / f"{part}.parquet", robot.tag)
+        part: store.read(
+            TABLES[part](n_dof, robot.margin), DATA / PLACE[part], robot.tag, pool.columns(part)
+        )
         for part in entry.pool
     }
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None

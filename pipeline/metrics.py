@@ -13,6 +13,7 @@ ROBOT = Path("data/robot")
 COUNTS = Path("data/counts")
 TRUTH = Path("data/ground_truth.parquet")
 OUT = Path("reports/metrics.json")
+COVERAGE = Path("reports/coverage.csv")
 METHODS = Path("reports/methods.csv")
 MOTIONS = Path("reports/motions.csv")
 
@@ -36,6 +37,7 @@ def main() -> None:
         {stage: store.read_json(COUNTS / f"{stage}.json", stage) for stage in stages},
         store.read(ground_truth(robot.robot.n_dof, robot.margin), TRUTH, robot.tag),
         {e: store.read_json(COUNTS / f"evaluate-{e}.json", f"evaluate@{e}") for e in ENTRIES},
+        store.read_csv(COVERAGE, "coverage"),
     )
     store.write_json(tree, OUT)
     store.write_csv(table, METHODS)

@@ -1,36 +1,45 @@
-"""Stage `poses`: the robot alone -> data/robot_poses.parquet, feasible poses without a partner."""
+"""Stage `poses`: the robot alone -> data/robot_poses/, feasible poses without a partner."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from pipeline.stage import bar, knob, launch, read
-from s3le import machine, rng, sampling, store
-from s3le.tables.robot_poses import robot_poses
+from pipeline.stage import knob, launch, read, say, shards_bar
+from s3le import machine, store
+from s3le.engine import run
+from s3le.shards import PoseShards
 
 ROBOT = Path("data/robot")
-OUT = Path("data/robot_poses.parquet")
+OUT = Path("data/robot_poses")
 COUNTS = Path("data/counts/poses.json")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Params:
-    """How many poses."""
+    """How many poses, and where they are made."""
 
     section: ClassVar[str] = "poses"
     seed: int = knob("root of every random stream", at_least=0, shared=True)
+    shard_rows: int = knob("rows of a shard", at_least=1, at_most=10_000_000, shared=True)
+    executor: str = knob("who makes the shards", one_of=run.EXECUTORS, shared=True)
+    workers: int = knob("local processes; 0: all", at_least=0, at_most=10_000, shared=True)
+    ray_address: str = knob("of a Ray cluster", shared=True)
     rows: int = knob("feasible poses to draw", at_least=1, at_most=2_000_000_000)
 
 
 def main() -> None:
     """Draw feasible poses, certify, write."""
     params = read(Params)
-    robot = machine.read(ROBOT)
-    stream = rng.stream(params.seed, Params.section)
-    with bar(2 * params.rows, "robot poses") as progress:
-        columns, counts = sampling.robot_poses(robot, params.rows, stream, progress)
-    store.write(columns, robot_poses(robot.robot.n_dof, robot.margin), OUT, robot.tag)
-    store.write_json(counts, COUNTS)
+    task = PoseShards(
+        files=machine.carried(ROBOT), seed=params.seed, shard_rows=params.shard_rows
+    )
+    where = run.Where(
+        executor=params.executor, workers=params.workers, ray_address=params.ray_address
+    )
+    with shards_bar(params.rows, "robot poses") as progress:
+        counts = run.produce(task, params.rows, OUT, where, progress, say)
+    share = counts["accepted"] / counts["drawn"]
+    store.write_json({"rows": counts["rows"], "accepted_share": share}, COUNTS)
 
 
 if __name__ == "__main__":

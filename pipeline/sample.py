@@ -1,25 +1,34 @@
-"""Stage `sample`: the robot alone -> data/kinematic_pairs.parquet (Sec. IV-C)."""
+"""Stage `sample`: the robot alone -> data/kinematic_pairs/, in shards (Sec. IV-C)."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from pipeline.stage import bar, knob, launch, read
-from s3le import machine, rng, sampling, store
-from s3le.tables.kinematic_pairs import kinematic_pairs
+from pipeline.stage import knob, launch, read, say, shards_bar
+from s3le import machine, store
+from s3le.certified import projection_summary
+from s3le.engine import run
+from s3le.samplers import SAMPLERS
+from s3le.shards import DEVICES, TupleShards
 
 ROBOT = Path("data/robot")
-OUT = Path("data/kinematic_pairs.parquet")
+OUT = Path("data/kinematic_pairs")
 COUNTS = Path("data/counts/sample.json")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Params:
-    """How far limits are relaxed, and how many tuples are drawn."""
+    """How far limits are relaxed, how many tuples are drawn, and where."""
 
     section: ClassVar[str] = "sample"
     alpha: float = knob("joint-limit relaxation [-]", at_least=0, at_most=10, shared=True)
     seed: int = knob("root of every random stream", at_least=0, shared=True)
+    shard_rows: int = knob("rows of a shard", at_least=1, at_most=10_000_000, shared=True)
+    device: str = knob("what projects", one_of=DEVICES, shared=True)
+    executor: str = knob("who makes the shards", one_of=run.EXECUTORS, shared=True)
+    workers: int = knob("local processes; 0: all", at_least=0, at_most=10_000, shared=True)
+    ray_address: str = knob("of a Ray cluster", shared=True)
+    sampler: str = knob("where relaxed poses are drawn from", one_of=SAMPLERS)
     rows: int = knob("tuples to draw", at_least=1, at_most=2_000_000_000)
     renormalise_mix: bool = knob("give the bones of x' unit length")
 
@@ -27,15 +36,23 @@ class Params:
 def main() -> None:
     """Draw relaxed poses, project them, mix their skeletons, certify, write."""
     params = read(Params)
-    robot = machine.read(ROBOT)
-    stream = rng.stream(params.seed, Params.section)
-    with bar(2 * params.rows, "kinematic pairs") as progress:
-        columns, counts = sampling.kinematic_pairs(
-            robot, params.rows, params.alpha, params.renormalise_mix, stream, progress
-        )
-    table = kinematic_pairs(robot.robot.n_dof, robot.margin)
-    store.write(columns, table, OUT, robot.tag)
-    store.write_json(counts, COUNTS)
+    task = TupleShards(
+        files=machine.carried(ROBOT),
+        sampler=params.sampler,
+        alpha=params.alpha,
+        renormalise_mix=params.renormalise_mix,
+        seed=params.seed,
+        shard_rows=params.shard_rows,
+        device=params.device,
+    )
+    where = run.Where(
+        executor=params.executor,
+        workers=params.workers,
+        ray_address=params.ray_address,
+    )
+    with shards_bar(params.rows, "kinematic pairs") as progress:
+        counts = run.produce(task, params.rows, OUT, where, progress, say)
+    store.write_json(projection_summary(counts) | {"alpha": params.alpha}, COUNTS)
 
 
 if __name__ == "__main__":

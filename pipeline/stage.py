@@ -1,8 +1,10 @@
 """What every stage shares: declare knobs, read params.yaml, show progress, fail in one line."""
 
+import _thread
 import json
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +13,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+import psutil
 import typer
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -109,7 +112,7 @@ def bar(
         unit: what is counted.
         wait: what is said until the first of them is done.
     """
-    with tqdm(total=total, desc=what, unit=f" {unit}", unit_scale=True, file=sys.stderr) as shown:
+    with _bar(total, what, unit, unit_scale=True) as shown:
         shown.set_postfix_str(wait)
 
         def advance(rows: int) -> None:
@@ -123,7 +126,7 @@ def bar(
 @contextmanager
 def steps_bar(total: int, what: str) -> Iterator[Callable[[int, int, dict[str, float]], None]]:
     """A progress bar for a training; yields what takes (steps done, of all, loss terms)."""
-    with tqdm(total=total, desc=what, unit=" steps", file=sys.stderr, mininterval=1) as shown:
+    with _bar(total, what, "steps", mininterval=1) as shown:
 
         def on_step(done: int, _: int, terms: dict[str, float]) -> None:
             shown.update(done - shown.n)
@@ -131,6 +134,29 @@ def steps_bar(total: int, what: str) -> Iterator[Callable[[int, int, dict[str, f
                 shown.set_postfix({name: f"{value:.3g}" for name, value in terms.items()})
 
         yield on_step
+
+
+@contextmanager
+def shards_bar(total: int, what: str) -> Iterator[Callable[[int, dict], None]]:
+    """A progress bar for the engine; yields what takes (rows done, all counts so far)."""
+    with _bar(total, what, "rows", unit_scale=True) as shown:
+        shown.set_postfix_str("workers start")
+
+        def advance(rows: int, counts: dict) -> None:
+            told = [
+                f"{words} {counts[name] / counts['rows']:.2%}"
+                for name, words in (("solved", "projected"), ("fallback", "by fallback"))
+                if name in counts
+            ]
+            shown.set_postfix_str(", ".join(told), refresh=False)
+            shown.update(rows)
+
+        yield advance
+
+
+def _bar(total: int, what: str, unit: str, **how: Any) -> tqdm:
+    """A bar on a terminal; nothing where nobody looks on."""
+    return tqdm(total=total, desc=what, unit=f" {unit}", file=sys.stderr, disable=None, **how)
 
 
 def say(line: str) -> None:
@@ -147,6 +173,8 @@ def launch(main: Callable[..., None], name: str) -> None:
     """
     began = time.perf_counter()
     name = "@".join([name, *sys.argv[1:2]])
+    if "DVC_STAGE" in os.environ:
+        threading.Thread(target=_end_with_dvc, daemon=True).start()
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command()(main)
     try:
@@ -157,9 +185,29 @@ def launch(main: Callable[..., None], name: str) -> None:
     except OSError as refusal:
         typer.echo(f"stage '{name}': {refusal}; nothing was half-written, run it again", err=True)
         raise SystemExit(2) from None
-    except typer.Abort:
+    except (typer.Abort, KeyboardInterrupt):
         raise SystemExit(130) from None
     _note_time(name, time.perf_counter() - began)
+
+
+def _end_with_dvc() -> None:
+    """Stop when the dvc that started this stage is gone: what it would write is no longer wanted.
+
+    dvc that is killed leaves its stages running, and a second dvc may start the same stage.
+    """
+    above = []
+    for process in psutil.Process().parents():
+        above.append(process)
+        if "dvc" in " ".join(process.cmdline()[:3]):
+            break
+    else:
+        return  # not started by dvc, only with its environment
+    while all(process.is_running() for process in above):
+        time.sleep(0.3)
+    typer.echo("dvc is gone, so this stage stops; run dvc repro to go on", err=True)
+    _thread.interrupt_main()  # leaves in order, if the main thread gets to it
+    time.sleep(3.0)
+    os._exit(130)
 
 
 def _note_time(name: str, seconds: float) -> None:

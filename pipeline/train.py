@@ -106,11 +106,11 @@ def main(method: str) -> None:
     sampled = None
     if method == "s3le":
         table = kinematic_pairs(n_dof, margin)
-        sampled = store.read(table, DATA / "kinematic_pairs.parquet", robot.tag)
+        sampled = store.read(table, DATA / "kinematic_pairs", robot.tag, learning.TUPLE)
     data = learning.gather(
         robot,
         store.read(mocap_pairs(n_dof, margin), DATA / "mocap_pairs.parquet", robot.tag),
-        store.read(robot_poses(n_dof, margin), DATA / "robot_poses.parquet", robot.tag),
+        store.read(robot_poses(n_dof, margin), DATA / "robot_poses", robot.tag),
         store.read(MOCAP_DOMAIN, DATA / "mocap_domain.parquet"),
         sampled,
     )

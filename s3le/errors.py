@@ -35,3 +35,7 @@ class TrainingError(S3leError):
 
 class ModelError(S3leError):
     """A stored model cannot be used: missing, damaged, or made for another robot."""
+
+
+class EngineError(S3leError):
+    """A table cannot be made in shards: another writer, lost workers, a foreign machine."""

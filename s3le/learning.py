@@ -10,8 +10,9 @@ from s3le.batches import TrainingData, Tuples
 from s3le.machine import Machine
 from s3le.training import CHOICES, Trained, Training
 
-__all__ = ["CHOICES", "Training", "gather", "learn"]
+__all__ = ["CHOICES", "TUPLE", "Training", "gather", "learn"]
 
+TUPLE = ("x_relaxed", "x_feasible", "q_relaxed", "q_feasible", "x_mixed")  # columns that are used
 Columns = Mapping[str, np.ndarray]
 
 

@@ -4,7 +4,10 @@ The `robot` stage writes a folder that stands by itself (robot file, URDF, setti
 stage reads that folder, so a change of the robot reaches exactly what depends on it.
 """
 
+import contextlib
 import shutil
+import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -80,6 +83,12 @@ def make(robot_file: Path, margin: float, neck: str) -> Machine:
         if not length > SHORTEST_BONE:
             raise RobotError(f"robot {robot.name}: its points leave no length for {bone}")
     machine = Machine(robot, tuple(pairs.all_pairs(robot)), margin, neck)
+    if not len(machine.watched):
+        raise RobotError(
+            f"robot {robot.name}: none of the {len(machine.pairs)} pairs of its "
+            f"{len(robot.bodies)} bodies can be watched, so nothing could be certified; give it "
+            "collision bodies that move against each other and are apart at the anchor"
+        )
     if hit := pairs.anchor_collision(robot, list(machine.pairs)):
         raise RobotError(
             f"robot {robot.name}: at the anchor {robot.bodies[hit.a].name} and "
@@ -119,6 +128,28 @@ def write(machine: Machine, folder: Path) -> None:
     ]
     columns = dict(zip(ROBOT_PAIRS.columns, map(np.array, zip(*rows, strict=True)), strict=True))
     store.write(columns, ROBOT_PAIRS, folder / PAIRS, machine.tag)
+
+
+def carried(folder: Path) -> tuple[tuple[str, bytes], ...]:
+    """Names and bytes of the files that `read` needs, to be sent elsewhere.
+
+    Raises:
+        RobotError: a file is missing.
+    """
+    names = [SETTINGS, ROBOT_FILE, *sorted(p.name for p in Path(folder).glob("*.urdf"))]
+    try:
+        return tuple((name, (Path(folder) / name).read_bytes()) for name in names)
+    except OSError as error:
+        raise RobotError(f"{error}; write it with: dvc repro robot") from None
+
+
+@contextlib.contextmanager
+def unpacked(files: tuple[tuple[str, bytes], ...]) -> Iterator[Machine]:
+    """The machine of files that were carried; its certifier can be made while the block runs."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, data in files:
+            (Path(folder) / name).write_bytes(data)
+        yield read(Path(folder))
 
 
 def read(folder: Path) -> Machine:

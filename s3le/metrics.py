@@ -15,6 +15,7 @@ def merge(
     counts: Mapping[str, Mapping[str, Any]],
     truth: Mapping[str, np.ndarray],
     figures: Mapping[str, Mapping[str, Any]],
+    coverage: list[Mapping[str, Any]],
 ) -> tuple[dict[str, Any], list[dict[str, Any]], list[dict[str, Any]]]:
     """Put the stages' figures together.
 
@@ -24,6 +25,7 @@ def merge(
         counts: by stage: skeletons, pair, sample, poses.
         truth: columns of table ground_truth.
         figures: by entry, what comparison.answer found for each split.
+        coverage: rows of coverage.table.
 
     Returns:
         Triple (metrics, methods, motions): the tree for reports/metrics.json, one row for each
@@ -63,6 +65,7 @@ def merge(
         "pairs": counts["pair"],
         "sampling": counts["sample"],
         "poses": counts["poses"],
+        "coverage": _coverage(coverage),
         "splits": splits,
     }
     table = [
@@ -71,3 +74,14 @@ def merge(
         for name, found in part["methods"].items()
     ]
     return tree, table, motions
+
+
+def _coverage(rows: list[Mapping[str, Any]]) -> dict[str, Any]:
+    """Mean distances by split and sampler, alone and with IK pairs stored beside."""
+    tree: dict[str, Any] = {}
+    for row in rows:
+        split = tree.setdefault(row["split"], {})
+        name = "pairs_alone" if row["sampler"] == "none" else row["sampler"]
+        kind = "with_pairs" if row["pairs"] and row["rows"] else "mean"
+        split.setdefault(name, {})[kind] = row["mean"]
+    return tree

@@ -3,7 +3,7 @@
 import numpy as np
 
 from s3le import retargeting
-from s3le.certified import Columns, certificate, projection_counts
+from s3le.certified import Columns, certificate, projection_counts, projection_summary
 from s3le.kernels import batch
 from s3le.kernels.batch import Progress
 from s3le.machine import Machine
@@ -49,4 +49,4 @@ def pair(
         "projection": np.array(HOW)[projected.how],
     } | certificate(machine, projected.q, progress)
     counts = {"rows": len(x), "residual_mean": float(residual.mean())}
-    return columns, counts | projection_counts(machine, q_relaxed, projected)
+    return columns, counts | projection_summary(projection_counts(machine, q_relaxed, projected))

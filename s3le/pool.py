@@ -14,6 +14,11 @@ _FEASIBLE = ("q_feasible", "x_feasible")
 _POSE = {"mocap_pairs": _FEASIBLE, "kinematic_pairs": _FEASIBLE}
 
 
+def columns(table: str) -> tuple[str, ...]:
+    """The columns that `stored` wants of a table."""
+    return (*_POSE.get(table, ("q", "x")), "clearance", "limit_margin")
+
+
 def stored(
     machine: Machine, entry: Entry, tables: Mapping[str, Columns], model: Path | None
 ) -> tuple[Columns, int]:
@@ -53,10 +58,10 @@ def stored(
     if entry.model:
         net, _ = artifact.load_model(model, method=entry.model, robot_hash=machine.tag)
         z = artifact.encode_q(net, pool["q"])
-    columns = {
+    found = {
         "row": np.arange(len(z), dtype=np.int32),
         "source": pool["source"],
         "source_row": pool["source_row"],
         "z": np.asarray(z, np.float32),
     } | {key: pool[key] for key in ("q", "x", "clearance", "limit_margin")}
-    return columns, z.shape[1]
+    return found, z.shape[1]

@@ -8,6 +8,10 @@ import zlib
 import numpy as np
 
 
-def stream(seed: int, purpose: str) -> np.random.Generator:
-    """Generator for one purpose (a stage's name): same seed and purpose, same numbers."""
-    return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(purpose.encode())]))
+def stream(seed: int, purpose: str, *part: int) -> np.random.Generator:
+    """Generator for one purpose (a stage's name) or a numbered part of it (a shard).
+
+    The same seed, purpose and part give the same numbers.
+    """
+    words = [seed, zlib.crc32(purpose.encode()), *part]
+    return np.random.default_rng(np.random.SeedSequence(words))

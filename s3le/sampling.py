@@ -1,19 +1,21 @@
 """Poses drawn from the robot's kinematics alone, no mocap (paper, Sec. IV-C).
 
 Tilde marks relaxed, bar marks feasible: q_relaxed is q~, q_feasible is q-bar [rad].
-Nothing here opens a file or reads a clock; randomness arrives as a Generator.
+Nothing here opens a file or reads a clock; randomness arrives as numbers or as a Generator.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from s3le.certified import Columns, certificate, projection_counts
 from s3le.errors import ParameterError, RobotError
 from s3le.kernels import batch
-from s3le.kernels.batch import Progress
+from s3le.kernels.batch import Projection
 from s3le.machine import Machine
-from s3le.tables.tuples import HOW
+
+BLOCK = 4096  # poses drawn at a time by rejection; a constant, so that fewer rows are a prefix
+Project = Callable[[np.ndarray], Projection]
 
 
 class Tuples(NamedTuple):
@@ -74,49 +76,62 @@ def mixup(
     return mixed
 
 
-def draw_tuples(
-    machine: Machine,
-    count: int,
-    alpha: float,
-    renormalise: bool,
-    rng: np.random.Generator,
-    progress: Progress | None = None,
+def projector(machine: Machine, device: str) -> Project:
+    """Proj_Q for whole batches: on the processors ("cpu"), or on a GPU ("cuda").
+
+    Raises:
+        ParameterError: there is no such device.
+    """
+    robot = machine.robot
+    if device == "cpu":
+        return lambda q: batch.project(machine.chain, robot.anchor, q, machine.margin)
+    from s3le.gpu import batch as on_gpu  # torch takes seconds to import
+
+    return lambda q: on_gpu.project(machine.chain, robot.anchor, q, machine.margin, device)
+
+
+def device_name(device: str) -> str:
+    """What the device is called on this machine: "cpu", or the GPU's name.
+
+    Raises:
+        ParameterError: there is no such device.
+    """
+    if device == "cpu":
+        return device
+    from s3le.gpu import chain as on_gpu
+
+    return on_gpu.name_of(device)
+
+
+def tuples(
+    machine: Machine, q_relaxed: np.ndarray, mix: np.ndarray, renormalise: bool, project: Project
 ) -> Tuples:
-    """Sample relaxed poses uniformly and project them (Sec. IV-C).
+    """Complete relaxed poses to tuples: project them, read skeletons, mix (Sec. IV-C).
 
     Args:
         machine: the robot.
-        count: tuples to draw.
-        alpha: relaxation of the joint ranges [-].
+        q_relaxed: q~ [rad], (n, n_dof).
+        mix: share of x~ in x', (n,).
         renormalise: see mixup.
-        rng: where poses and mix come from.
-        progress: called with numbers of rows done.
+        project: see projector.
     """
-    robot = machine.robot
-    low, high = relaxed_limits(robot.lower, robot.upper, alpha)
-    q_relaxed = rng.uniform(low, high, (count, robot.n_dof))
-    mix = rng.uniform(0.0, 1.0, count)
-    projected = batch.project(machine.chain, robot.anchor, q_relaxed, machine.margin, progress)
+    projected = project(q_relaxed)
     x_relaxed = batch.skeletons(machine.chain, q_relaxed)
     x_feasible = batch.skeletons(machine.chain, projected.q)
-    return Tuples(
-        q_relaxed,
-        x_relaxed,
-        projected.q,
-        x_feasible,
-        mix,
-        mixup(x_relaxed, x_feasible, mix, renormalise),
-        projected.how,
-    )
+    x_mixed = mixup(x_relaxed, x_feasible, mix, renormalise)
+    return Tuples(q_relaxed, x_relaxed, projected.q, x_feasible, mix, x_mixed, projected.how)
 
 
 def draw_feasible(
-    machine: Machine, count: int, rng: np.random.Generator, progress: Progress | None = None
-) -> tuple[np.ndarray, float]:
+    machine: Machine, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, int, int]:
     """Feasible poses, uniform over the feasible part of the joint box, by rejection.
 
+    Fewer poses from an equal generator are the first of them.
+
     Returns:
-        Pair (q, share): q (count, n_dof) [rad]; share of drawn poses that were feasible.
+        Triple (q, accepted, drawn): q (count, n_dof) [rad]; poses accepted of those drawn, of
+        which the last may be left over.
 
     Raises:
         RobotError: fewer than one pose in 10,000 is feasible, so that sampling would not end.
@@ -125,62 +140,14 @@ def draw_feasible(
     kept: list[np.ndarray] = []
     have = drawn = 0
     while have < count:
-        q = rng.uniform(robot.lower, robot.upper, (max(count, 1000), robot.n_dof))
+        q = rng.uniform(robot.lower, robot.upper, (BLOCK, robot.n_dof))
         good = q[batch.clearances(machine.chain, q) >= machine.margin]
+        kept.append(good)
         drawn += len(q)
-        if drawn >= 100_000 and (have + len(good)) < drawn / 10_000:
+        have += len(good)
+        if drawn >= 100_000 and have < drawn / 10_000:
             raise RobotError(
-                f"robot {robot.name}: only {have + len(good)} of {drawn} random poses feasible; "
+                f"robot {robot.name}: only {have} of {drawn} random poses feasible; "
                 "look at its watched pairs (data/robot/pairs.parquet)"
             )
-        if progress:
-            progress(min(len(good), count - have))
-        kept.append(good)
-        have += len(good)
-    return np.concatenate(kept)[:count], have / drawn
-
-
-def kinematic_pairs(
-    machine: Machine,
-    count: int,
-    alpha: float,
-    renormalise: bool,
-    rng: np.random.Generator,
-    progress: Progress | None = None,
-) -> tuple[Columns, dict]:
-    """Columns of table kinematic_pairs and counts for the metrics; see draw_tuples.
-
-    Raises:
-        CertificateError: a projected pose is not feasible.
-    """
-    drawn = draw_tuples(machine, count, alpha, renormalise, rng, progress)
-    columns = {
-        "row": np.arange(count, dtype=np.int32),
-        "mix": drawn.mix,
-        "x_mixed": drawn.x_mixed,
-        "x_relaxed": drawn.x_relaxed,
-        "x_feasible": drawn.x_feasible,
-        "q_relaxed": drawn.q_relaxed,
-        "q_feasible": drawn.q_feasible,
-        "projection": np.array(HOW)[drawn.how],
-    } | certificate(machine, drawn.q_feasible, progress)
-    projected = batch.Projection(drawn.q_feasible, drawn.how)
-    counts = {"rows": count, "alpha": alpha}
-    return columns, counts | projection_counts(machine, drawn.q_relaxed, projected)
-
-
-def robot_poses(
-    machine: Machine, count: int, rng: np.random.Generator, progress: Progress | None = None
-) -> tuple[Columns, dict]:
-    """Columns of table robot_poses and counts; see draw_feasible.
-
-    Raises:
-        CertificateError: a pose is not feasible by the independent check.
-    """
-    q, share = draw_feasible(machine, count, rng, progress)
-    columns = {
-        "row": np.arange(count, dtype=np.int32),
-        "q": q,
-        "x": batch.skeletons(machine.chain, q),
-    } | certificate(machine, q, progress)
-    return columns, {"rows": count, "accepted_share": share}
+    return np.concatenate(kept)[:count], have, drawn

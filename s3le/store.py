@@ -1,12 +1,15 @@
-"""Read and write tables: the only room beside artifact that touches data on disk.
+"""Read and write tables: the only room beside artifact and the engine that touches data on disk.
 
 A file appears whole or not at all, explains itself (units and sentences in its schema), and is
-refused when it breaks its contract or belongs to another robot.
+refused when it breaks its contract or belongs to another robot. A table is one Parquet file, or a
+folder of them with a manifest (s3le/engine makes those); `read` takes either.
 """
 
+import hashlib
+import io
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +20,7 @@ import pyarrow.parquet as pq
 from s3le.errors import TableError
 from s3le.tables.schema import Table
 
+MANIFEST = "manifest.json"
 _ROBOT = b"s3le.robot"
 
 
@@ -39,6 +43,23 @@ def write(
     Raises:
         TableError: the rows break the contract (nothing is written).
     """
+    rows = _checked(columns, table, robot, note)
+    replace(path, lambda part: pq.write_table(rows, part, compression="zstd"))
+
+
+def encode(columns: Mapping[str, np.ndarray], table: Table, robot: str | None = None) -> bytes:
+    """The bytes of the file that `write` would write; otherwise as `write`."""
+    sink = io.BytesIO()
+    pq.write_table(_checked(columns, table, robot, None), sink, compression="zstd")
+    return sink.getvalue()
+
+
+def _checked(
+    columns: Mapping[str, np.ndarray],
+    table: Table,
+    robot: str | None,
+    note: Mapping[str, str] | None,
+) -> pa.Table:
     frame = columns if isinstance(columns, pl.DataFrame) else _frame(columns, table)
     table.check(frame)
     rows = frame.to_arrow()
@@ -53,8 +74,7 @@ def write(
             raise TableError(f"{table.name}: cannot be written without naming its robot")
         about[_ROBOT.decode()] = robot
     about |= {f"s3le.{key}": value for key, value in (note or {}).items()}
-    rows = rows.cast(pa.schema(fields, about))
-    replace(path, lambda part: pq.write_table(rows, part, compression="zstd"))
+    return rows.cast(pa.schema(fields, about))
 
 
 def _frame(columns: Mapping[str, np.ndarray], table: Table) -> pl.DataFrame:
@@ -73,45 +93,123 @@ def _frame(columns: Mapping[str, np.ndarray], table: Table) -> pl.DataFrame:
     return pl.DataFrame(series)
 
 
-def read(table: Table, path: Path, robot: str | None = None) -> dict[str, np.ndarray]:
+def read(
+    table: Table, path: Path, robot: str | None = None, columns: Sequence[str] | None = None
+) -> dict[str, np.ndarray]:
     """Read a table, hold it to its contract, and hand out its columns as arrays.
 
     Args:
         table: the contract.
-        path: the file.
+        path: the file, or the folder of a table in shards.
         robot: tag of the robot at hand (Machine.tag); compared if given and table.robot.
+        columns: those wanted, all if None. All are checked; of a table in shards no more than
+            the wanted ones and one shard are in memory at once.
 
     Returns:
         Column name -> array of shape (n,), or (n, width) for vectors; strings as objects.
 
     Raises:
-        TableError: missing, not Parquet, another table, another robot, or breaking a rule.
+        TableError: missing, not Parquet, another table, another robot, or breaking a rule; in
+            shards also: not what its manifest says.
     """
-    frame = read_frame(table, path, robot)
-    return {name: frame[name].to_numpy() for name in frame.columns}
+    wanted = list(columns or table.columns)
+    if not Path(path).is_dir():
+        frame = read_frame(table, path, robot)
+        return {name: frame[name].to_numpy() for name in wanted}
+    manifest = read_manifest(table, path, robot)
+    out: dict[str, np.ndarray] = {}
+    at = 0
+    for frame in _shards(table, path, robot, manifest):
+        for name in wanted:
+            rows = frame[name].to_numpy()
+            if name not in out:
+                out[name] = np.empty((manifest["rows"], *rows.shape[1:]), rows.dtype)
+            out[name][at : at + len(rows)] = rows
+        at += len(frame)
+    return out
 
 
 def read_frame(table: Table, path: Path, robot: str | None = None) -> pl.DataFrame:
-    """Read a table as a polars frame; otherwise as `read`."""
+    """Read a table of one file as a polars frame; otherwise as `read`."""
     path = Path(path)
-    again = f"write it with: dvc repro {table.stage}"
     if not path.is_file():
-        raise TableError(f"{path} is missing; {again}")
+        raise TableError(f"{path} is missing; {_again(table)}")
+    return _frame_of(table, path, path, robot)
+
+
+def read_manifest(table: Table, folder: Path, robot: str | None = None) -> dict:
+    """The manifest of a table in shards.
+
+    Raises:
+        TableError: missing, damaged, of another table or robot, or not about these files.
+    """
+    path = Path(folder) / MANIFEST
+    manifest = read_json(path, table.stage)
     try:
-        rows = pq.read_table(path)
+        shards = [(str(s["file"]), int(s["rows"]), str(s["sha256"])) for s in manifest["shards"]]
+        whole = manifest["rows"] == sum(rows for _, rows, _ in shards) > 0
+    except (KeyError, TypeError, ValueError):
+        whole = False
+    if not whole or any(Path(file).name != file for file, _, _ in shards):
+        raise TableError(f"{path} is no manifest of shards; {_again(table)}")
+    if manifest.get("table") != table.name:
+        raise TableError(f"{path} is not about a '{table.name}' table; {_again(table)}")
+    if table.robot and robot and manifest.get("robot") != robot:
+        raise TableError(
+            f"{path} was made for robot '{manifest.get('robot', 'none')}', this is '{robot}'; "
+            f"{_again(table)}"
+        )
+    listed = {file for file, _, _ in shards}
+    there = {found.name for found in Path(folder).glob("*.parquet")}
+    for file in sorted(listed ^ there):
+        what = "is missing" if file in listed else "is not in the manifest"
+        raise TableError(f"{Path(folder) / file} {what}; {_again(table)}")
+    return manifest
+
+
+def _shards(
+    table: Table, folder: Path, robot: str | None, manifest: dict
+) -> Iterator[pl.DataFrame]:
+    """Every shard's rows, checked; row numbers must go on from shard to shard."""
+    first = 0
+    for shard in manifest["shards"]:
+        path = Path(folder) / shard["file"]
+        data = path.read_bytes()
+        if hashlib.sha256(data).hexdigest() != shard["sha256"]:
+            raise TableError(
+                f"{path} is not what its manifest says (edited or damaged); {_again(table)}"
+            )
+        frame = _frame_of(table, path, pa.BufferReader(data), robot)
+        rows = frame["row"]
+        if len(frame) != shard["rows"] or rows[0] != first or rows[-1] != first + len(frame) - 1:
+            raise TableError(f"{path} holds other rows than its manifest says; {_again(table)}")
+        first += len(frame)
+        yield frame
+
+
+def _frame_of(table: Table, path: Path, source: object, robot: str | None) -> pl.DataFrame:
+    """Rows of one Parquet file, held to the contract."""
+    try:
+        rows = pq.read_table(source)
     except (pa.ArrowException, OSError) as error:
         reason = str(error).splitlines()[0][:160]
-        raise TableError(f"{path} is not readable as Parquet ({reason}); {again}") from None
+        raise TableError(f"{path} is not readable as Parquet ({reason}); {_again(table)}") from None
     about = rows.schema.metadata or {}
     if about.get(b"s3le.table", b"").decode() != table.name:
-        raise TableError(f"{path} is not a '{table.name}' table; {again}")
+        raise TableError(f"{path} is not a '{table.name}' table; {_again(table)}")
     if table.robot and robot:
         made_for = about.get(_ROBOT, b"none").decode()
         if made_for != robot:
-            raise TableError(f"{path} was made for robot '{made_for}', this is '{robot}'; {again}")
+            raise TableError(
+                f"{path} was made for robot '{made_for}', this is '{robot}'; {_again(table)}"
+            )
     frame = pl.from_arrow(rows)
     table.check(frame)
     return frame
+
+
+def _again(table: Table) -> str:
+    return f"write it with: dvc repro {table.stage}"
 
 
 def read_note(path: Path, key: str, stage: str) -> str:
@@ -153,7 +251,8 @@ def read_json(path: Path, stage: str) -> dict:
     except FileNotFoundError:
         raise TableError(f"{path} is missing; write it with: dvc repro {stage}") from None
     except ValueError as error:
-        raise TableError(f"{path} is not JSON ({error}); dvc repro {stage}") from None
+        again = f"write it with: dvc repro {stage}"
+        raise TableError(f"{path} is not JSON ({error}); {again}") from None
     if not isinstance(tree, dict):
         raise TableError(f"{path} holds no JSON object; write it with: dvc repro {stage}")
     return tree
@@ -186,7 +285,7 @@ def read_csv(path: Path, stage: str) -> list[dict]:
     except FileNotFoundError:
         raise TableError(f"{path} is missing; write it with: dvc repro {stage}") from None
     except pl.exceptions.PolarsError as error:
-        raise TableError(f"{path} is not CSV ({error}); dvc repro {stage}") from None
+        raise TableError(f"{path} is not CSV ({error}); write it with: dvc repro {stage}") from None
 
 
 def replace(path: Path, fill) -> None:
@@ -199,5 +298,10 @@ def replace(path: Path, fill) -> None:
         with part.open("rb") as handle:
             os.fsync(handle.fileno())
         os.replace(part, path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # the new name too outlives a power cut
+        finally:
+            os.close(folder)
     finally:
         part.unlink(missing_ok=True)

@@ -57,7 +57,7 @@ def test_the_table_says_what_dvc_yaml_says(key, promised):
 
 def test_alpha_and_tau_rerun_what_the_paper_says_depends_on_them(promised):
     assert promised["alpha"][1] == {
-        "sample", "train@s3le", "index@s3le", "index@skeleton_all",
+        "sample", "coverage", "train@s3le", "index@s3le", "index@skeleton_all",
         "evaluate@s3le", "evaluate@skeleton_all", "metrics", "report",
     }  # fmt: skip
     assert promised["tau"][1] == {

@@ -1,6 +1,7 @@
 """Capsule distances against coal and slow geometry, their gradients, and the certificate."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,14 +25,15 @@ from worlds import (
 from s3le import machine
 from s3le.certified import certificate
 from s3le.errors import CertificateError
-from s3le.kernels import batch
+from s3le.kernels import batch, chain
 from s3le.kernels.distance import nearest_on_segments, separation
+from s3le.robot import certificate as certifier
+from s3le.robot.certificate import PER_METRE, Certifier
 
 GEOMETRY = 1e-9  # [m], kernel against coal
 ALGEBRA = 1e-12  # [m], kernel against exact geometry
 DIFFERENCE = 1e-6  # [m/rad], central differences
-# coal takes segments for parallel long before they are, and short ones for points [m]
-COAL_ITSELF = {"nearly parallel": 2e-6, "tiny": 2e-7}
+AGREEMENT = 1e-7  # [m], on any capsules at all; what is promised is 1e-6
 PAIRS = 150  # random pairs of each kind
 
 
@@ -53,9 +55,10 @@ def test_the_kernel_s_clearance_is_coal_s(kind):
     witness = np.empty((2, 3))
     for A, B, r1, r2 in pairs_of(kind):
         ours = nearest_on_segments(A, B, witness) - r1 - r2
-        theirs = coal_distance(A, B, r1, r2)
-        assert ours == pytest.approx(theirs, abs=COAL_ITSELF.get(kind, GEOMETRY))
-        assert ours <= theirs + GEOMETRY  # where the two differ, coal is the one that sees too much
+        unit = PER_METRE  # in metres coal itself is 1e-6 m off
+        theirs = coal_distance(A * unit, B * unit, r1 * unit, r2 * unit) / unit
+        rounding = AGREEMENT if kind == "nearly parallel" else GEOMETRY
+        assert ours == pytest.approx(theirs, abs=rounding)
 
 
 @pytest.mark.parametrize("kind", SEGMENT_PAIRS)
@@ -139,6 +142,17 @@ def test_clearance_of_other_shapes_is_coal_s_on_the_capsules_that_contain_them(t
     assert np.allclose(batch.clearances(made.chain, q), theirs.clearance, rtol=0, atol=GEOMETRY)
 
 
+@pytest.mark.parametrize("short_of", [0.0, 1e-7, 3e-6, 1e-4, 0.01], ids="{:g} rad".format)
+def test_a_box_upside_down_is_placed_where_the_kernels_place_it(tmp_path, short_of):
+    lower = ('<collision><origin xyz="0 0 -0.125"/>',
+             f'<collision><origin xyz="0 0 -0.125" rpy="{np.pi - short_of!r} 0 0"/>')  # fmt: skip
+    box = ('<capsule radius="0.03" length="0.15"/>', '<box size="0.04 0.04 0.2"/>')
+    made = machine.make(write_arms(tmp_path, urdf=edited(ARMS_URDF, lower, box)), MARGIN, "joint")
+    q = inside_limits(made, 50, 9)
+    theirs = made.certifier().check(q)
+    assert np.allclose(batch.clearances(made.chain, q), theirs.clearance, rtol=0, atol=GEOMETRY)
+
+
 def test_skipping_far_pairs_never_changes_the_least_distance():
     made = coman()
     q = inside_limits(made, 25, 4)
@@ -186,6 +200,98 @@ def test_a_joint_that_carries_both_bodies_does_not_enter_their_gradient():
 
 
 # --- the certificate
+
+
+def both_clearances(made, a, b, q):
+    """Clearance of bodies a and b alone at poses q [m]: by the kernels, and by the certifier."""
+    watched = np.array([[a, b]])
+    ours = batch.clearances(chain.build(made.robot, watched, made.neck), q)
+    return ours, Certifier(made.robot, watched).check(q).clearance
+
+
+def two_capsules(folder, A, B, r1, r2):
+    """A robot whose bodies 0 and 1, on the base and on an upper arm, are these capsules at zero."""
+    box = '<box size="0.1 0.1 0.1"/>'
+    trunk, upper = '<capsule radius="0.1" length="0.3"/>', '<capsule radius="0.04" length="0.2"/>'
+    urdf = edited(ARMS_URDF, (trunk, box), (upper, box), (upper, box))
+    made = machine.make(write_arms(folder, urdf=urdf), MARGIN, "midpoint")
+    base, arm, *others = made.robot.bodies
+    B = B - made.robot.joints[arm.joint].translation
+    base, arm = base._replace(a=A[0], b=A[1], radius=r1), arm._replace(a=B[0], b=B[1], radius=r2)
+    assert base.joint == -1 and made.robot.joints[arm.joint].parent == -1
+    return replace(made, robot=replace(made.robot, bodies=(base, arm, *others)))
+
+
+@pytest.mark.parametrize("kind", SEGMENT_PAIRS)
+def test_the_certificate_agrees_on_any_two_capsules(tmp_path, kind):
+    for capsules in pairs_of(kind)[:40]:
+        made = two_capsules(tmp_path, *capsules)
+        ours, theirs = both_clearances(made, 0, 1, np.zeros((1, 4)))
+        assert ours == pytest.approx(theirs, abs=AGREEMENT)
+
+
+def beside_a_grain(rng):
+    """A limb, and a segment of 0.2 micrometres across its first end and askew to it [m]."""
+    way, other = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
+    start, angle = rng.normal(0.0, 0.3, 3), rng.uniform(0.3, 1.2)
+    limb = np.array([start, start + 0.3 * (np.sin(angle) * way + np.cos(angle) * other)])
+    grain = start + 0.1 * way + np.outer([-1e-7, 1e-7], other)
+    return limb, grain, 0.01, 0.02
+
+
+def test_without_its_own_unit_of_length_the_certificate_would_miss_a_collision(
+    tmp_path, monkeypatch
+):
+    rng, off = np.random.default_rng(10), []
+    for _ in range(10):
+        made = two_capsules(tmp_path, *beside_a_grain(rng))
+        ours, theirs = both_clearances(made, 0, 1, np.zeros((1, 4)))
+        assert ours == pytest.approx(theirs, abs=AGREEMENT)
+        with monkeypatch.context() as patch:
+            patch.setattr(certifier, "PER_METRE", 1.0)
+            off.append(both_clearances(made, 0, 1, np.zeros((1, 4)))[1] - ours)
+    assert np.max(off) > 0.01  # [m]
+
+
+def test_the_unit_of_length_changes_no_digit_elsewhere(monkeypatch):
+    made = coman()
+    q = np.concatenate([inside_limits(made, 200, 11), relaxed(made, 100, 12, alpha=2.0)])
+    report = made.certifier().check(q)
+    monkeypatch.setattr(certifier, "PER_METRE", 1.0)
+    in_metres = made.certifier().check(q)
+    assert np.array_equal(report.clearance, in_metres.clearance)
+    assert np.array_equal(report.pair, in_metres.pair)
+
+
+def test_the_certificate_agrees_on_arms_nearly_parallel_touching_and_nested(tmp_path):
+    made = machine.make(write_arms(tmp_path), MARGIN, "midpoint")
+    names = [body.name for body in made.robot.bodies]
+    right, left = names.index("r_lower_0"), names.index("l_lower_0")
+    rng = np.random.default_rng(13)
+    q = inside_limits(made, 20_000, 14)
+    askew = rng.choice([-1.0, 1.0], len(q)) * 10.0 ** rng.uniform(-12, -3, len(q))  # [rad]
+    q[::10] = [0.5, 0.5, -0.5, -0.5]  # folded across each other
+    q[:, 3] = q[:, 0] + q[:, 1] - q[:, 2] + askew  # the forearms point the same way, almost
+    q = q[((q >= made.robot.lower) & (q <= made.robot.upper)).all(axis=1)]
+    ours, theirs = both_clearances(made, right, left, q)
+    assert np.allclose(ours, theirs, rtol=0, atol=AGREEMENT)
+    assert len(q) > 5000 and ours.min() < -0.05 and ours.max() > 0.1
+    assert (np.abs(ours) < 1e-3).any()
+
+
+def test_the_certificate_agrees_on_coman_with_limbs_that_mirror_each_other():
+    made = coman()
+    names = made.robot.joint_names
+    rng = np.random.default_rng(15)
+    q = inside_limits(made, 3000, 16)
+    q[:1500] = 0.0  # arms along the legs: upright segments side by side, hands in the thighs
+    for left in (name for name in names if name.startswith("L")):
+        sign = 1.0 if left.endswith(("Sag", "bj")) else -1.0
+        q[1500:, names.index("R" + left[1:])] = sign * q[1500:, names.index(left)]
+    q[:, [names.index("WaistLat"), names.index("WaistYaw")]] = 0.0
+    q += rng.normal(size=q.shape) * 10.0 ** rng.uniform(-12, -3, (len(q), 1))
+    ours, theirs = batch.clearances(made.chain, q), made.certifier().check(q).clearance
+    assert np.allclose(ours, theirs, rtol=0, atol=AGREEMENT)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf], ids=str)

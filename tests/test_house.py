@@ -2,15 +2,16 @@
 
 import ast
 from dataclasses import fields
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
 
+from pipeline.index import PLACE
 from pipeline.stage import dvc_keys
 from pipeline.train import METHODS
+from s3le.engine.key import closure, file_of, imported
 from s3le.methods import ENTRIES
 
 ROOT = Path(__file__).parents[1]
@@ -22,22 +23,28 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "pinocchio": ("s3le/robot/",),
     "coal": ("s3le/robot/",),
     "numba": ("s3le/kernels/",),
-    "torch": tuple(
-        f"s3le/{room}.py"
-        for room in ("models", "losses", "batches", "training", "artifact", "synthetic")
+    "torch": (
+        "s3le/gpu/",
+        *(
+            f"s3le/{room}.py"
+            for room in ("models", "losses", "batches", "training", "artifact", "synthetic")
+        ),
     ),
     "safetensors": ("s3le/artifact.py",),
     "polars": ("s3le/tables/", "s3le/store.py"),
     "pyarrow": ("s3le/store.py",),
     "matplotlib": ("s3le/report/",),
     "ruamel": ("s3le/robot/description.py",),
+    "ray": ("s3le/engine/cluster.py",),
 }
 # What each room must not reach, even through others: the arrows of the house.
 APART = [
     ("s3le/robot/", {"torch", "numba", "polars", "matplotlib"}),
     ("s3le/kernels/", {"torch", "polars", "matplotlib"}),
+    ("s3le/gpu/", {"polars", "pyarrow", "matplotlib", "safetensors"}),
     ("s3le/mocap/", {"torch", "numba", "pinocchio", "coal", "polars", "matplotlib"}),
     ("s3le/report/", {"torch", "numba", "pinocchio", "coal", "polars"}),
+    ("s3le/engine/", {"torch", "pinocchio", "coal", "matplotlib"}),
     ("s3le/training.py", {"numba", "pinocchio", "coal", "polars", "matplotlib"}),
     ("s3le/store.py", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
 ]
@@ -65,37 +72,6 @@ def listed(stage: str, what: str) -> list[str]:
     if not wdir or what == "params":
         return found
     return [str((ROOT / wdir / path).resolve().relative_to(ROOT)) for path in found]
-
-
-def file_of(module: str) -> Path | None:
-    base = ROOT.joinpath(*module.split("."))
-    return next((p for p in (base.with_suffix(".py"), base / "__init__.py") if p.is_file()), None)
-
-
-@cache
-def imported(path: Path) -> frozenset[str]:
-    """Every module a file may import, absolute imports only; relative ones are refused."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: write the import absolutely"
-            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    return frozenset(names)
-
-
-def closure(module: str) -> set[Path]:
-    """Own-code files that running `python -m module` may execute."""
-    seen, todo = set(), [module]
-    while todo:
-        parts = todo.pop().split(".")
-        for depth in range(1, len(parts) + 1):
-            path = file_of(".".join(parts[:depth]))
-            if path and path not in seen:
-                seen.add(path)
-                todo += imported(path)
-    return seen
 
 
 @pytest.mark.parametrize("stage", STAGES)
@@ -162,7 +138,7 @@ def test_heavy_dependencies_keep_to_their_room(path):
     names = {name.split(".")[0] for name in imported(path)}
     for name in names & ROOM_OF.keys():
         assert here.startswith(ROOM_OF[name]), f"{here} imports {name}"
-    assert not names & {"pipeline", "dvc", "tqdm"}, f"{here} imports a tool of the stages"
+    assert not names & {"pipeline", "dvc", "tqdm", "psutil"}, f"{here} imports a tool of the stages"
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
@@ -194,10 +170,17 @@ def test_the_entries_in_dvc_yaml_store_and_load_what_the_code_does():
         model = f"data/model-{entry.model}.safetensors"
         if entry.pool:
             given = set(index[name].values()) | {"data/mocap_pairs.parquet"}
-            needed = {f"data/{table}.parquet" for table in entry.pool}
+            needed = {f"data/{PLACE[table]}" for table in entry.pool}
             assert given == needed | ({model} if entry.model else set())
         needed = {f"data/index-{name}.parquet"} if entry.pool else set()
         assert set(evaluate[name].values()) == needed | ({model} if entry.model else set())
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_are_absolute(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "write the import absolutely"
 
 
 def test_every_stage_and_its_outputs_are_in_the_table_of_parameters():

@@ -6,12 +6,15 @@ Clips are made here, so nothing is fetched: the paths of a run are what is teste
 import json
 import math
 import os
+import random
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import handmade
+import psutil
 import pytest
 from dag import ROOT, readers_and_reruns
 from dvc.repo import Repo
@@ -23,6 +26,7 @@ TINY = {
     "pair": {"rows": 30},
     "sample": {"rows": 300},
     "poses": {"rows": 100},
+    "coverage": {"rows": 200},
     "truth": {"starts": 2},
     "train": {"hidden": 16, "latent": 6, "history_every": 2},
     "s3le": {"steps": 4, "batch": 16, "batch_pairs": 8, "batch_domain": 16},
@@ -30,7 +34,7 @@ TINY = {
     "ale": {"steps": 4, "batch_pairs": 8, "batch_domain": 16},
     "report": {"strip_frames": 2},
 }
-STAGES = 25
+STAGES = 26
 
 
 def swing(path: Path, phase: float, frames: int) -> None:
@@ -46,15 +50,20 @@ def swing(path: Path, phase: float, frames: int) -> None:
     handmade.write(path, handmade.deepmimic(*rows))
 
 
-def shell(folder: Path, *command: str) -> subprocess.CompletedProcess:
-    env = os.environ | {
+def environment(folder: Path) -> dict[str, str]:
+    return os.environ | {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "PYTHONPATH": str(folder),  # this folder's code, whatever is installed
         "DVC_NO_ANALYTICS": "1",
         "GIT_AUTHOR_NAME": "t", "GIT_AUTHOR_EMAIL": "t@t",
         "GIT_COMMITTER_NAME": "t", "GIT_COMMITTER_EMAIL": "t@t",
     }  # fmt: skip
-    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
+
+
+def shell(folder: Path, *command: str) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        command, cwd=folder, env=environment(folder), capture_output=True, text=True, check=False
+    )
 
 
 def good(folder: Path, *command: str) -> str:
@@ -78,6 +87,16 @@ def set_params(folder: Path, tree: dict) -> None:
         else:
             params[key] = value
     yaml.dump(params, path)
+
+
+def hashes(folder: Path) -> set[str]:
+    """Hashes of the shards that the table of tuples is made of."""
+    manifest = json.loads((folder / "data/kinematic_pairs/manifest.json").read_text())
+    return {shard["sha256"] for shard in manifest["shards"]}
+
+
+def table(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in (folder / "data" / "kinematic_pairs").iterdir()}
 
 
 @pytest.fixture(scope="module")
@@ -163,8 +182,8 @@ def test_every_key_makes_stale_just_the_stages_that_read_it(project):
     [
         (
             "alpha=0.5",
-            "sample train@s3le index@s3le index@skeleton_all evaluate@s3le evaluate@skeleton_all "
-            "metrics report",
+            "sample coverage train@s3le index@s3le index@skeleton_all evaluate@s3le "
+            "evaluate@skeleton_all metrics report",
         ),
         # Four steps may leave which poses are found as it was; then metrics and report rest.
         ("tau=0.25", "train@s3le index@s3le evaluate@s3le"),
@@ -174,22 +193,24 @@ def test_every_key_makes_stale_just_the_stages_that_read_it(project):
     ids=["alpha", "tau", "a reader's key", "a report's key"],
 )
 def test_a_changed_parameter_reruns_what_it_affects_and_no_more(clean, change, reruns):
+    before = hashes(clean)
     output = good(clean, "dvc", "exp", "run", "-S", change)
     wanted = set(reruns.split())
     most = readers_and_reruns(clean)[change.split("=")[0].split(".")[0]][1]
     assert wanted <= ran(output) <= most
     if change.startswith("alpha"):
+        assert not before & hashes(clean)  # no old row among the new ones
         diff = good(clean, "dvc", "metrics", "diff")
         assert "sampling.alpha" in diff
 
 
 def test_what_is_made_before_training_is_the_same_to_the_byte(clean):
-    names = [
-        "mocap_points", "skeletons", "mocap_domain", "mocap_pairs", "kinematic_pairs",
-        "robot_poses", "ground_truth",
-    ]  # fmt: skip
+    names = ["mocap_points", "skeletons", "mocap_domain", "mocap_pairs", "ground_truth"]
     files = [clean / "data" / f"{name}.parquet" for name in names]
+    for table in ("kinematic_pairs", "robot_poses"):
+        files += sorted((clean / "data" / table).iterdir())
     before = [file.read_bytes() for file in files]
+    shutil.rmtree(clean / "data" / "shards")
     one_core = ["taskset", "-c", "0"] if shutil.which("taskset") else []
     for stage in ("clips", "skeletons", "pair", "sample", "poses", "truth"):
         good(clean, *one_core, sys.executable, "-m", f"pipeline.{stage}")
@@ -262,3 +283,81 @@ def test_clips_may_lie_anywhere_and_a_change_in_them_is_seen(clean, tmp_path):
     assert ran(good(clean, "dvc", "repro", "skeletons")) == set()
     swing(tmp_path / "clips" / "test" / "b.txt", 2.0, 9)
     assert {"clips", "skeletons"} <= ran(good(clean, "dvc", "repro", "skeletons"))
+
+
+# --- the engine under dvc
+
+
+def test_killed_at_random_moments_the_next_run_ends_with_the_bytes_of_a_calm_one(clean):
+    """kill -9 of dvc, of the stage, of a worker; with another number of workers each time."""
+    luck, shelf = random.Random(3), clean / "data" / "shards"
+    set_params(clean, {"sample": {"rows": 40_000}, "shard_rows": 400, "workers": 1})
+    good(clean, sys.executable, "-m", "pipeline.sample")
+    calm = table(clean)
+    shutil.rmtree(shelf)
+    good(clean, "dvc", "checkout", "-q", "--force")
+    killed = {"dvc": 0, "stage": 0, "worker": 0}
+    while sum(killed.values()) < 8:
+        set_params(clean, {"workers": luck.choice([1, 2, 3])})
+        whom = min(killed, key=killed.get)
+        top = subprocess.Popen(
+            ["sh", "-c", "exec dvc repro -f -s sample > said 2>&1"],
+            cwd=clean, env=environment(clean),
+        )  # fmt: skip
+        stage = None
+        while top.poll() is None and not stage:
+            time.sleep(0.05)
+            below = family(psutil.Process(top.pid))
+            stage = next((p for p, words in below if "pipeline.sample" in words), None)
+        assert stage, f"dvc ended with {top.returncode}: {(clean / 'said').read_text()}"
+        time.sleep(luck.uniform(0.2, 3.5))
+        victim = {"dvc": psutil.Process(top.pid) if top.poll() is None else None, "stage": stage}
+        workers = [p for p, words in family(stage) if "spawn_main" in words]
+        victim["worker"] = luck.choice(workers) if workers else stage
+        try:
+            victim[whom].kill()
+            killed[whom] += 1
+        except (AttributeError, psutil.NoSuchProcess):
+            shutil.rmtree(shelf)  # it was done before; all over again
+        top.wait()
+    good(clean, "dvc", "repro", "sample")
+    assert table(clean) == calm
+    assert not list((clean / "data").rglob("*.part"))
+    assert good(clean, "dvc", "status", "sample").strip().endswith("up to date.")
+
+
+def family(process: psutil.Process) -> list[tuple[psutil.Process, str]]:
+    """A process's descendants with their command lines."""
+    found = []
+    try:
+        for child in process.children(recursive=True):
+            found.append((child, " ".join(child.cmdline())))
+    except psutil.Error:
+        pass  # one of them ended meanwhile
+    return found
+
+
+def test_a_stage_stops_when_its_dvc_is_gone(clean):
+    set_params(clean, {"sample": {"rows": 400_000}, "shard_rows": 400})
+    top = subprocess.Popen(
+        ["dvc", "repro", "sample"], cwd=clean, env=environment(clean),
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    shelf = clean / "data" / "shards"
+    before = set(shelf.rglob("*.parquet"))
+    while not set(shelf.rglob("*.parquet")) - before:
+        time.sleep(0.1)
+        assert top.poll() is None
+    below = [process for process, _ in family(psutil.Process(top.pid))]
+    top.kill()
+    top.wait()
+    _, alive = psutil.wait_procs(below, timeout=15)
+    assert not alive
+
+
+def test_a_temporary_experiment_keeps_its_shards_in_the_project(clean):
+    before = set((clean / "data" / "shards").iterdir())
+    good(clean, "dvc", "exp", "run", "--temp", "-S", "alpha=0.7", "sample")
+    new = set((clean / "data" / "shards").iterdir()) - before
+    assert [path.name.split("-")[0] for path in new] == ["kinematic_pairs"]
+    assert '"alpha": 0.7' in (new.pop() / "about.json").read_text()

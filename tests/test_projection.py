@@ -4,7 +4,17 @@ import functools
 
 import numpy as np
 import pytest
-from worlds import ARMS_YAML, MARGIN, coman, edited, inside_limits, relaxed, write_arms
+from reference import OneByOne, around, search
+from worlds import (
+    ARMS_YAML,
+    MARGIN,
+    coman,
+    edited,
+    inside_limits,
+    pair_distances,
+    relaxed,
+    write_arms,
+)
 
 from s3le import machine
 from s3le.certified import projection_counts
@@ -104,6 +114,28 @@ def test_a_projection_does_not_depend_on_the_number_of_threads(monkeypatch, thre
     assert np.array_equal(project(coman(), q).q, found.q)
 
 
+@pytest.mark.parametrize("chunk", [1, 7, 10_000])
+def test_a_projection_does_not_depend_on_the_size_of_chunks(monkeypatch, chunk):
+    q, _, found, _ = sampled()
+    monkeypatch.setattr(batch, "CHUNK", chunk)
+    again = project(coman(), q[:600])
+    assert np.array_equal(again.q, found.q[:600])
+    assert np.array_equal(again.how, found.how[:600])
+
+
+def test_projecting_again_gives_the_same_bits():
+    q, _, found, _ = sampled()
+    again = project(coman(), q)
+    assert again.q.tobytes() == found.q.tobytes() and again.how.tobytes() == found.how.tobytes()
+
+
+def test_poses_one_at_a_time_are_projected_as_in_a_batch():
+    q, _, found, _ = sampled()
+    for row in range(300):
+        alone = project(coman(), q[row : row + 1])
+        assert np.array_equal(alone.q[0], found.q[row]) and alone.how[0] == found.how[row]
+
+
 def test_nothing_to_project_is_nothing():
     found = project(coman(), np.empty((0, 11)))
     assert found.q.shape == (0, 11) and found.how.shape == (0,)
@@ -156,6 +188,69 @@ def test_no_small_feasible_step_leads_nearer():
         there = there[batch.clearances(made.chain, there) >= made.margin]
         gain = np.linalg.norm(here - q[row]) - far(there, q[row])
         assert gain.max(initial=-1.0) < 1e-3  # [rad]
+
+
+# --- against slow references of their own libraries
+
+
+@functools.cache
+def slowly():
+    """The reference of COMAN, and the first rows that collide."""
+    made = coman()
+    return OneByOne(made.robot, made.watched, made.margin), np.flatnonzero(sampled()[3])[:40]
+
+
+def test_the_reference_s_gradients_are_the_kernels():
+    for pose in inside_limits(coman(), 20, 31):
+        d, G = slowly()[0].gradients(pose, 0.1)
+        ours, slopes = pair_distances(coman(), pose, 0.1)
+        assert np.allclose(d, ours, rtol=0, atol=ROUNDING) and len(d) > 0
+        assert np.allclose(G, slopes, rtol=0, atol=1e-6)  # [m/rad]
+
+
+def test_blending_is_that_of_the_reference():
+    slow, rows = slowly()
+    q = sampled()[0][rows]
+    theirs = np.array([slow.blend(pose).q for pose in q])
+    assert np.allclose(blended(coman(), q), theirs, rtol=0, atol=ROUNDING)
+
+
+def test_the_joints_move_no_farther_than_by_one_sqp_at_a_time():
+    slow, rows = slowly()
+    q, _, found, _ = sampled()
+    ratios = []
+    for row in rows:
+        starts = (q[row], slow.blend(q[row]).q)
+        reached = [slow.nearest(q[row], start) for start in starts]
+        theirs = min(np.linalg.norm(one.q - q[row]) for one in reached if one.solved)
+        ratios.append(np.linalg.norm(found.q[row] - q[row]) / theirs)
+    assert np.median(ratios) <= 1.02  # measured: 1.000
+    assert np.mean(ratios) <= 1.02  # measured: 1.000
+
+
+def test_what_the_reference_calls_solved_is_certified():
+    slow, rows = slowly()
+    reached = [slow.nearest(pose, pose) for pose in sampled()[0][rows]]
+    solved = np.array([one.q for one in reached if one.solved])
+    assert len(solved) > 30
+    coman().certifier().require(solved, MARGIN)
+
+
+def test_the_median_projection_is_the_best_pose_that_many_starts_find():
+    made, (q, _, found, collided) = coman(), sampled()
+    low, high = made.robot.lower, made.robot.upper
+    rng = np.random.default_rng(32)
+    pool = inside_limits(made, 400, 33)
+    pool = pool[batch.clearances(made.chain, pool) >= MARGIN]
+    ratios = []
+    for row in np.flatnonzero(collided)[:20]:
+        starts = pool[rng.choice(len(pool), 40, replace=False)]
+        starts = np.concatenate([starts, around(found.q[row], 20, low, high, rng)])
+        best = search(made.chain, q[row], starts, MARGIN, found.q[row])
+        made.certifier().require(best[None], MARGIN)
+        ratios.append(np.linalg.norm(found.q[row] - q[row]) / np.linalg.norm(best - q[row]))
+    assert np.median(ratios) <= 1.001  # measured: 1.000
+    assert np.max(ratios) <= 1.2  # measured: 1.000
 
 
 def test_a_search_over_the_whole_space_finds_poses_hardly_nearer():

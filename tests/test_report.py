@@ -333,6 +333,8 @@ def metrics() -> dict:
         "sampling": {"rows": 100000, "feasible": 1200, "solved": 98000, "fallback": 800,
                      "moved_mean_rad": 0.4321},
         "poses": {"rows": 30000, "accepted_share": 0.215},
+        "coverage": {"test": {"uniform": {"mean": 0.0631, "with_pairs": 0.0602},
+                              "pairs_alone": {"mean": 0.1269}}},
         "splits": {
             "test": {
                 "clips": 5,
@@ -376,6 +378,12 @@ def test_page_holds_the_numbers_it_was_given():
     assert text.endswith("\n") and text == page.markdown(
         metrics(), {"s3le": history}, {"strip": "figures/s.png"}
     )
+
+
+def test_page_compares_the_samplers():
+    text = page.markdown(metrics(), {}, {})
+    assert line_of(text, "uniform") == "| uniform | 0.063 | 0.060 |"
+    assert line_of(text, "pairs alone") == f"| pairs alone | 0.127 | {page.NONE} |"
 
 
 def test_page_says_what_was_not_measured():

@@ -3,7 +3,6 @@
 Rows are independent, so the result does not depend on how many workers share them.
 """
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -16,6 +15,7 @@ from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import place_capsules, reach
 from s3le.kernels.kinematics import bones, place
 from s3le.kernels.solver import blend, clearance_of, minimise, restore
+from s3le.kernels.threads import workers
 
 Progress = Callable[[int], object]
 CHUNK = 256  # rows a worker takes at a time
@@ -36,11 +36,6 @@ class Solution(NamedTuple):
     q: np.ndarray  # [rad], (n, n_dof)
     cost: np.ndarray  # (n,), 1/2 |x(q) - x|^2 + ridge/2 |q - q_ref|^2
     feasible: np.ndarray  # bool (n,)
-
-
-def workers() -> int:
-    """Processors this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def skeletons(chain: Chain, q: np.ndarray, progress: Progress | None = None) -> np.ndarray:

@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
+from llvmlite import binding
 from numba import config, njit
 
 _HERE = Path(__file__).parent
@@ -18,6 +19,15 @@ def key() -> str:
     """Hash of the text of all kernels."""
     texts = [path.read_bytes() for path in sorted(_HERE.glob("*.py"))]
     return hashlib.sha256(b"\0".join(texts)).hexdigest()[:16]
+
+
+def processor() -> str:
+    """The processor that kernels are compiled for: its name and a hash of its features."""
+    name = config.CPU_NAME or binding.get_host_cpu_name()
+    features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
+    # The mathematical functions of the C library choose their code by the real processor.
+    real = binding.get_host_cpu_features().flatten()
+    return f"{name} {hashlib.sha256(f'{features} {real}'.encode()).hexdigest()[:12]}"
 
 
 _STORE = Path(config.CACHE_DIR or _HERE / "__pycache__") / f"kernels-{key()}"

@@ -83,6 +83,7 @@ def markdown(
         *_guarantees(metrics),
         *_unwatched(unwatched),
         *_data(metrics),
+        *_coverage(_at(metrics, "coverage")),
         *_training(training),
         "Wall times are no part of a result; those of the last run stand in `timing.json`.",
     ]
@@ -320,6 +321,33 @@ def _data(metrics: Mapping[str, Any]) -> list[str]:
         "How to read it: projection moves a drawn pose to the nearest one found that is safe. "
         "The fallback is the poorer way, taken where the solver does not get there; it should "
         "be rare.",
+    ]
+
+
+def _coverage(splits: Mapping[str, Any]) -> list[str]:
+    if not splits:
+        return []
+    names = list(dict.fromkeys(name for split in splits.values() for name in split))
+    titles = ["stored poses"]
+    for split in splits:
+        titles += [f"{_text(split)}: alone", f"{_text(split)}: with the IK pairs"]
+    rows = []
+    for name in names:
+        cells = [_text(name.replace("_", " "))]
+        for split in splits.values():
+            found = split.get(name, {})
+            with_pairs = found.get("with_pairs")
+            cells.append(_distance(found.get("mean")))
+            cells.append(NONE if with_pairs is None else _distance(with_pairs))
+        rows.append(cells)
+    return [
+        "## What each sampler covers",
+        _table(titles, rows),
+        "How to read it: cosine distance of the nearest stored pose to people that no sampler "
+        "has seen, every sampler with the same number of poses, found by brute force, so no "
+        "look-up among these poses can do better. *uniform* is the paper's; *pairs alone* are "
+        "the poses that inverse kinematics made of the training clips. `reports/coverage.csv` "
+        "has the 90th percentile too.",
     ]
 
 

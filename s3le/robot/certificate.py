@@ -14,6 +14,12 @@ import pinocchio as pin
 from s3le.errors import CertificateError
 from s3le.robot.model import Robot, reduced
 
+# coal compares squared lengths, and length^2 length^2 sine^2 of two axes, with 2e-14. In metres
+# that takes limbs 1e-5 rad apart for parallel (1e-6 m off) and, at worst, costs a limb's length
+# beside a segment of a micrometre. In a unit of 2^-20 m nothing real is that small, and a power
+# of two changes no digit of any other distance.
+PER_METRE = 2.0**20
+
 
 class Report(NamedTuple):
     """What the check found, one entry a pose."""
@@ -34,7 +40,7 @@ class Certifier:
             watched: body indices of the pairs to measure, int (n_pairs, 2).
         """
         self.robot = robot
-        self._model, self._geometry = _models(robot)
+        self._model, self._geometry = _models(robot, PER_METRE)
         for a, b in watched:
             self._geometry.addCollisionPair(pin.CollisionPair(int(a), int(b)))
         self._data = self._model.createData()
@@ -62,7 +68,7 @@ class Certifier:
                 self._model, self._data, self._geometry, self._scratch, q[i]
             )
             pair[i] = nearest
-            clearance[i] = results[nearest].min_distance
+            clearance[i] = results[nearest].min_distance / PER_METRE
             if progress and i % 1000 == 999:
                 progress(1000)
         if progress:
@@ -130,14 +136,26 @@ def point_positions(robot: Robot, q: np.ndarray) -> np.ndarray:
     )
 
 
-def _models(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
-    """The URDF's own kinematics, with capsules where the URDF has boxes or cylinders."""
+def _models(robot: Robot, scale: float = 1.0) -> tuple[pin.Model, pin.GeometryModel]:
+    """The URDF's own kinematics, with capsules where the URDF has boxes or cylinders.
+
+    All lengths are multiplied by scale.
+    """
     model, geometry = reduced(robot.description)
+    for at in model.jointPlacements:
+        at.translation = at.translation * scale
     for item, body in zip(geometry.geometryObjects, robot.bodies, strict=True):
-        if isinstance(item.geometry, coal.Capsule | coal.Sphere):
-            continue
-        along = body.b - body.a
-        turn = pin.Quaternion.FromTwoVectors(np.eye(3)[2], along)
-        item.placement = pin.SE3(turn.toRotationMatrix(), (body.a + body.b) / 2)
-        item.geometry = coal.Capsule(body.radius, float(np.linalg.norm(along)))
+        at, shape = item.placement, item.geometry
+        if isinstance(shape, coal.Capsule):
+            shape = coal.Capsule(shape.radius * scale, 2.0 * shape.halfLength * scale)
+        elif isinstance(shape, coal.Sphere):
+            shape = coal.Sphere(shape.radius * scale)
+        else:
+            # A capsule has no front, and FromTwoVectors loses four digits short of a half turn.
+            along = body.b - body.a if body.b[2] >= body.a[2] else body.a - body.b
+            turn = pin.Quaternion.FromTwoVectors(np.eye(3)[2], along)
+            at = pin.SE3(turn.toRotationMatrix(), (body.a + body.b) / 2)
+            shape = coal.Capsule(body.radius * scale, float(np.linalg.norm(along)) * scale)
+        item.placement = pin.SE3(at.rotation, at.translation * scale)
+        item.geometry = shape
     return model, geometry

@@ -1,0 +1,1 @@
+"""Batched kinematics, distances and projection in torch: the kernels' counterpart for GPUs."""
