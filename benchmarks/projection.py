@@ -73,7 +73,7 @@ def main(
         show(cost)
         throughput(TupleShards(
             files=machine.carried(place), alpha=alpha, renormalise_mix=False, seed=0,
-            shard_rows=SHARD, device="cpu",
+            shard_rows=SHARD, device="cpu", sampler="uniform",
         ), rows, Path(folder))  # fmt: skip
 
 
