@@ -9,9 +9,12 @@ from pathlib import Path
 
 import pytest
 from toys import Toy
+from worlds import coman
 
+from s3le import machine
 from s3le.engine import key, run
 from s3le.errors import EngineError, RobotError
+from s3le.shards import TupleShards
 
 pytest.importorskip("ray")
 pytestmark = [
@@ -84,35 +87,31 @@ def test_no_cluster_is_one_line(tmp_path):
 
 
 def test_a_machine_that_is_lost_in_mid_run_costs_no_row(cluster, tmp_path):
-    toy = Toy(seconds=0.2)
+    """Real tuples; one of the two machines is unplugged as soon as the first shard is there."""
+    machine.write(coman(), tmp_path / "robot")
+    task = TupleShards(
+        files=machine.carried(tmp_path / "robot"), seed=7, shard_rows=500, device="cpu",
+        sampler="uniform", alpha=0.2, renormalise_mix=False,
+    )  # fmt: skip
 
     def pull_the_plug():
         while not list((tmp_path / "far").rglob("00000*.parquet")):
-            time.sleep(0.05)
+            time.sleep(0.02)
         cluster.remove_node(cluster.machines.pop(), allow_graceful=False)
 
     plug = threading.Thread(target=pull_the_plug)
     plug.start()
-    make(tmp_path / "far", toy, on(cluster), rows=300)
+    make(tmp_path / "far", task, on(cluster), rows=15_250)
     plug.join()
     assert len(cluster.machines) == 1
-    make(tmp_path / "near", toy, run.Where(workers=2), rows=300)
+    make(tmp_path / "near", task, run.Where(workers=2), rows=15_250)
     assert contents(tmp_path / "far") == contents(tmp_path / "near")
 
 
-def test_tuples_of_the_robot_are_the_same_through_a_cluster(cluster, tmp_path):
-    from worlds import coman
-
-    from s3le import machine
-    from s3le.shards import TupleShards
-
-    machine.write(coman(), tmp_path / "robot")
-    task = TupleShards(
-        files=machine.carried(tmp_path / "robot"), seed=7, shard_rows=100, device="cpu",
-        sampler="uniform", alpha=0.2, renormalise_mix=False,
-    )  # fmt: skip
-    make(tmp_path / "far", task, on(cluster), rows=350)
-    make(tmp_path / "near", task, run.Where(workers=2), rows=350)
+def test_a_run_may_have_a_cluster_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(TESTS))
+    make(tmp_path / "far", Toy(), run.Where(executor="ray", ray_address="local"))
+    make(tmp_path / "near", Toy(), run.Where(workers=1))
     assert contents(tmp_path / "far") == contents(tmp_path / "near")
 
 

@@ -1,5 +1,6 @@
 """Parameters at the door of a stage: every wrong one is refused by name, with what is wanted."""
 
+import io
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,3 +111,29 @@ def test_a_full_disk_is_one_line_and_status_2(in_folder, capsys):
 def test_a_finished_stage_notes_its_time(in_folder):
     launch(lambda: None, "poses")
     assert '"poses"' in stage.TIMING.read_text()
+
+
+# --- progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def advance(bar_of, monkeypatch, screen):
+    monkeypatch.setattr(sys, "stderr", screen)
+    with bar_of as progress:
+        progress(400, {"rows": 400, "solved": 100, "fallback": 2})
+        progress(600, {"rows": 1000, "solved": 250, "fallback": 2})
+    return screen.getvalue()
+
+
+def test_the_engine_s_bar_tells_rows_rate_time_left_and_how_rows_were_projected(monkeypatch):
+    told = advance(stage.shards_bar(1000, "tuples"), monkeypatch, Terminal())
+    assert "tuples" in told and "1.00k/1.00k" in told and "rows/s" in told
+    assert "projected 25.00%, by fallback 0.20%" in told
+
+
+def test_bars_are_quiet_where_nobody_looks_on(monkeypatch):
+    assert advance(stage.shards_bar(1000, "tuples"), monkeypatch, io.StringIO()) == ""

@@ -327,7 +327,9 @@ def _data(metrics: Mapping[str, Any]) -> list[str]:
 def _coverage(splits: Mapping[str, Any]) -> list[str]:
     if not splits:
         return []
+    first = next(iter(splits.values()))
     names = list(dict.fromkeys(name for split in splits.values() for name in split))
+    names.sort(key=lambda name: first.get(name, {}).get("mean", math.inf))
     titles = ["stored poses"]
     for split in splits:
         titles += [f"{_text(split)}: alone", f"{_text(split)}: with the IK pairs"]
