@@ -83,12 +83,6 @@ def make(robot_file: Path, margin: float, neck: str) -> Machine:
         if not length > SHORTEST_BONE:
             raise RobotError(f"robot {robot.name}: its points leave no length for {bone}")
     machine = Machine(robot, tuple(pairs.all_pairs(robot)), margin, neck)
-    if not len(machine.watched):
-        raise RobotError(
-            f"robot {robot.name}: none of the {len(machine.pairs)} pairs of its "
-            f"{len(robot.bodies)} bodies can be watched, so nothing could be certified; give it "
-            "collision bodies that move against each other and are apart at the anchor"
-        )
     if hit := pairs.anchor_collision(robot, list(machine.pairs)):
         raise RobotError(
             f"robot {robot.name}: at the anchor {robot.bodies[hit.a].name} and "

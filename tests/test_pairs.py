@@ -147,20 +147,6 @@ def test_an_anchor_with_its_hands_in_each_other_is_refused(tmp_path):
         machine.make(write_arms(tmp_path, crossed, long), MARGIN, "midpoint")
 
 
-def test_a_robot_of_which_no_pair_can_be_watched_is_refused(tmp_path):
-    """Its only two bodies are the two links of one elbow, which always touch."""
-    bare = ARMS_URDF
-    for link in ("body", "l_upper", "l_lower"):
-        bare = re.sub(rf'(<link name="{link}">).*?</link>', r"\1</link>", bare, flags=re.DOTALL)
-    with pytest.raises(RobotError) as refusal:
-        machine.make(write_arms(tmp_path, urdf=bare), MARGIN, "midpoint")
-    assert str(refusal.value) == (
-        "robot arms: none of the 1 pairs of its 2 bodies can be watched, so nothing could be "
-        "certified; give it collision bodies that move against each other and are apart at the "
-        "anchor"
-    )
-
-
 def test_an_anchor_closer_than_the_margin_is_refused_with_the_pair(tmp_path):
     with pytest.raises(RobotError) as refusal:
         machine.make(write_arms(tmp_path), 0.5, "midpoint")
