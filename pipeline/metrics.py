@@ -38,6 +38,7 @@ def main() -> None:
         store.read(ground_truth(robot.robot.n_dof, robot.margin), TRUTH, robot.tag),
         {e: store.read_json(COUNTS / f"evaluate-{e}.json", f"evaluate@{e}") for e in ENTRIES},
         store.read_csv(COVERAGE, "coverage"),
+        store.read_json(COUNTS / "synthetic.json", "synthetic"),
     )
     store.write_json(tree, OUT)
     store.write_csv(table, METHODS)

@@ -7,10 +7,11 @@ from typing import ClassVar
 from pipeline.stage import knob, launch, read, say
 from s3le import machine, snapshots, store
 from s3le.methods import ENTRIES
-from s3le.report import bars, curves, page, strip
+from s3le.report import bars, curves, maps, page, strip
 from s3le.tables.ground_truth import ground_truth
 from s3le.tables.retargeted import retargeted
 from s3le.tables.skeletons import SKELETONS
+from s3le.tables.synthetic import SYNTHETIC
 
 ROBOT = Path("data/robot")
 DATA = Path("data")
@@ -53,10 +54,13 @@ def main() -> None:
     clip, rows = snapshots.choose(frames, params.strip_clip, params.strip_frames)
     shown = snapshots.strip(robot, frames, rows, truth, answers)
     strip.draw(FIGURES / "strip.png", frames["time"][rows], shown, f"{robot.robot.name}: {clip}")
+    points = store.read(SYNTHETIC, DATA / "synthetic.parquet")
+    maps.draw(FIGURES / "synthetic.png", points, tree["synthetic"])
     pictures = {
         "bars": "figures/motions.png",
         "strip": "figures/strip.png",
         "curves": "figures/training.png",
+        "maps": "figures/synthetic.png",
     }
     text = page.markdown(tree, histories, pictures, robot.unwatched())
     store.write_text(text, REPORTS / "report.md")

@@ -16,6 +16,7 @@ def merge(
     truth: Mapping[str, np.ndarray],
     figures: Mapping[str, Mapping[str, Any]],
     coverage: list[Mapping[str, Any]],
+    synthetic: Mapping[str, Any],
 ) -> tuple[dict[str, Any], list[dict[str, Any]], list[dict[str, Any]]]:
     """Put the stages' figures together.
 
@@ -26,6 +27,7 @@ def merge(
         truth: columns of table ground_truth.
         figures: by entry, what comparison.answer found for each split.
         coverage: rows of coverage.table.
+        synthetic: errors of the synthetic example.
 
     Returns:
         Triple (metrics, methods, motions): the tree for reports/metrics.json, one row for each
@@ -66,6 +68,7 @@ def merge(
         "sampling": counts["sample"],
         "poses": counts["poses"],
         "coverage": _coverage(coverage),
+        "synthetic": synthetic,
         "splits": splits,
     }
     table = [

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from s3le.errors import ParameterError
-from s3le.report import bars, curves, page, solid, strip, style
+from s3le.report import bars, curves, maps, page, solid, strip, style
 from s3le.robot import model
 from s3le.robot.certificate import placements
 
@@ -314,12 +314,76 @@ def test_a_row_that_does_not_fit_is_refused_by_name(tmp_path, fields, message):
     assert not list(tmp_path.iterdir())
 
 
+# --- maps
+
+
+def points_of(side: int, noise: float = 0.0) -> dict[str, np.ndarray]:
+    """Columns of table synthetic: a grid and three glue points, for both variants."""
+    at = np.linspace(0, 2, side)
+    grid = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1).reshape(-1, 2)
+    x = np.concatenate((grid, [[0.2, 0.3], [0.7, 0.1], [0.5, 0.9]]))
+    rng = np.random.default_rng(4)
+    answer = np.clip(np.minimum(x, 1) + noise * rng.normal(size=x.shape), 0, 1)
+    one = {
+        "row": np.arange(len(x)), "kind": np.array(["grid"] * side**2 + ["glue"] * 3, object),
+        "x": x, "x_true": np.minimum(x, 1), "y_true": 2 * np.minimum(x, 1),
+        "x_answer": answer, "y_answer": 2 * answer,
+    }  # fmt: skip
+    both = {name: np.concatenate((values, values)) for name, values in one.items()}
+    return both | {"nt_xent": np.repeat([False, True], len(x))}
+
+
+@pytest.mark.parametrize("side", [3, 5, 41])
+def test_maps_draw_any_grid(tmp_path, side):
+    width, height = twice(
+        tmp_path, lambda path: maps.draw(path, points_of(side, 0.05), errors())
+    )
+    assert 1300 < width < 2000 and 900 < height < 1500
+
+
+def test_maps_take_no_points_one_variant_and_no_figures(tmp_path):
+    points = points_of(5)
+    for some in (points["nt_xent"], np.zeros(len(points["x"]), bool)):
+        maps.draw(tmp_path / "a.png", {name: v[some] for name, v in points.items()}, {})
+        assert min(size_of(tmp_path / "a.png")) > 200
+
+
+def test_maps_refuse_what_is_no_grid(tmp_path):
+    points = points_of(5)
+    for order in (slice(1, None), slice(None, None, -1)):
+        with pytest.raises(ParameterError, match="no square grid"):
+            maps.draw(tmp_path / "a.png", {name: v[order] for name, v in points.items()}, {})
+    assert not list(tmp_path.iterdir())
+
+
+def test_colours_of_correspondence_tell_points_apart():
+    at = np.linspace(0, 1, 6)
+    tint = maps.colours(np.stack(np.meshgrid(at, at, indexing="ij"), -1)).reshape(-1, 3)
+    assert np.all((tint >= 0) & (tint <= 1))
+    apart = np.linalg.norm(tint[:, None] - tint[None], axis=-1)[~np.eye(36, dtype=bool)]
+    assert apart.min() > 0.03
+    corners = [[int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)] for c in maps.CORNERS]
+    ends = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
+    np.testing.assert_allclose(maps.colours(ends), corners, atol=1e-12)
+
+
 # --- page
 
 
 def method(to_truth, pool, collision_rate=0.0):
     return {"to_truth": to_truth, "to_human": to_truth + 0.0111, "collision_rate": collision_rate,
             "limit_rate": 0.0, "pool": pool}  # fmt: skip
+
+
+def errors() -> dict:
+    """Figures of the synthetic example."""
+    keys = ("error", "error_invariant", "error_feasible")
+    without, with_it = (
+        {key: {"mean": mean, "sd": 0.0123} for key, mean in zip(keys, means, strict=True)}
+        for means in ((0.0811, 0.0911, 0.0211), (0.0611, 0.0711, 0.0311))
+    )
+    return {"without_nt_xent": without, "with_nt_xent": with_it, "seeds": 5, "better": 4,
+            "shown": 2}  # fmt: skip
 
 
 def metrics() -> dict:
@@ -386,12 +450,18 @@ def test_page_compares_the_samplers():
     assert line_of(text, "pairs alone") == f"| pairs alone | 0.127 | {page.NONE} |"
 
 
+def test_page_shows_the_synthetic_example():
+    text = page.markdown(metrics(), {}, {"maps": "figures/m.png"})
+    assert "![Synthetic example](figures/m.png)" in text
+    assert "Inside the red dashes" in text
+
+
 def test_page_says_what_was_not_measured():
     text = page.markdown(metrics(), {}, {})
     assert line_of(text, LABEL["lwl2_pairs"]).count("not measured") == 6
     assert line_of(text, LABEL["lwl2"]).endswith("| not measured |")
     assert "Training: not measured." in text
-    assert text.count("Figure: not drawn.") == 3
+    assert text.count("Figure: not drawn.") == 4
 
 
 def test_page_lists_the_pairs_that_are_not_watched():

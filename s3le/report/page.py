@@ -47,6 +47,12 @@ _FIGURES = {
         "say that more steps of the same kind would probably change little; terms of different "
         "methods are not comparable in height.",
     ),
+    "maps": (
+        "Synthetic example",
+        "The paper's example in a plane, without a robot: a colour stands for one point of "
+        "Feasible X and its y. Inside the red dashes many points share one answer; there the "
+        "colours of a learned map should run on straight, as those of the true one do.",
+    ),
 }
 
 
@@ -66,9 +72,8 @@ def markdown(
             "moved_mean_rad" [rad], "accepted_share" a share in [0, 1], the rest counts.
         training: for each method its history, rows of "step" and loss terms [-]
             (as curves.draw takes it).
-        figures: path of each picture, relative to the page: "bars", "strip", "curves", or any
-            other name.
-
+        figures: path of each picture, relative to the page: "bars", "strip", "curves", "maps", or
+            any other name.
         unwatched: pairs of bodies that do not count for clearance: first body, second body, what
             they are (e.g. "limb-trunk"), and why.
 

@@ -11,6 +11,7 @@ from s3le.tables.robot_pairs import ROBOT_PAIRS
 from s3le.tables.robot_poses import robot_poses
 from s3le.tables.schema import Table
 from s3le.tables.skeletons import SKELETONS
+from s3le.tables.synthetic import SYNTHETIC
 
 
 def tables(n_dof: int, margin: float, latent: int) -> list[Table]:
@@ -32,6 +33,7 @@ def tables(n_dof: int, margin: float, latent: int) -> list[Table]:
         ground_truth(n_dof, margin),
         index(n_dof, margin, latent),
         retargeted(n_dof),
+        SYNTHETIC,
     ]
 
 
