@@ -377,7 +377,7 @@ def method(to_truth, pool, collision_rate=0.0):
 
 def errors() -> dict:
     """Figures of the synthetic example."""
-    keys = ("error", "error_invariant", "error_feasible")
+    keys = ("error_all", "error_invariant", "error_feasible")
     without, with_it = (
         {key: {"mean": mean, "sd": 0.0123} for key, mean in zip(keys, means, strict=True)}
         for means in ((0.0811, 0.0911, 0.0211), (0.0611, 0.0711, 0.0311))

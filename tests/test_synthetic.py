@@ -118,7 +118,7 @@ def test_figures_are_means_over_seeds_and_the_seed_shown_is_no_extreme(outcomes)
     assert tree["better"] == (errors[2] < errors[0]) + (errors[3] < errors[1])
     gains = {0: errors[0] - errors[2], 1: errors[1] - errors[3]}
     assert tree["shown"] == min(gains, key=gains.get)  # of two the lower one
-    assert synthetic.figures([outcomes[0], outcomes[2]])["with_nt_xent"]["error"]["sd"] == 0.0
+    assert synthetic.figures([outcomes[0], outcomes[2]])["with_nt_xent"]["error_all"]["sd"] == 0.0
 
 
 def test_columns_hold_both_variants_of_one_seed(outcomes):

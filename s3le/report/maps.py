@@ -27,7 +27,7 @@ _SIDE = 2.0  # of Relaxed X
 _OUTLINE = [(1, 0), (2, 0), (2, 2), (0, 2), (0, 1), (1, 1), (1, 0)]  # of the invariant region
 _LINES = (0.2, 0.4, 0.6, 0.8)  # coordinates in Feasible X with a thin line each
 _FINER = 3  # cells drawn along each cell of the grid, in Feasible Y
-_REGIONS = {"error_invariant": "within the red dashes", "error": "everywhere"}
+_REGIONS = {"error_invariant": "within the red dashes", "error_all": "everywhere"}
 _ROOM = 0.06  # around Feasible Y
 
 
