@@ -310,7 +310,10 @@ def test_killed_at_random_moments_the_next_run_ends_with_the_bytes_of_a_calm_one
             time.sleep(0.05)
             below = family(psutil.Process(top.pid))
             stage = next((p for p, words in below if "pipeline.sample" in words), None)
-        assert stage, f"dvc ended with {top.returncode}: {(clean / 'said').read_text()}"
+        if not stage:  # dvc was killed while it wrote its own dvc.lock, which it cannot read now
+            assert "dvc.lock' validation failed" in (clean / "said").read_text()
+            good(clean, "git", "checkout", "-q", "dvc.lock")
+            continue
         time.sleep(luck.uniform(0.2, 3.5))
         victim = {"dvc": psutil.Process(top.pid) if top.poll() is None else None, "stage": stage}
         workers = [p for p, words in family(stage) if "spawn_main" in words]
@@ -321,6 +324,7 @@ def test_killed_at_random_moments_the_next_run_ends_with_the_bytes_of_a_calm_one
         except (AttributeError, psutil.NoSuchProcess):
             shutil.rmtree(shelf)  # it was done before; all over again
         top.wait()
+    good(clean, "git", "checkout", "-q", "dvc.lock")
     good(clean, "dvc", "repro", "sample")
     assert table(clean) == calm
     assert not list((clean / "data").rglob("*.part"))
