@@ -1,12 +1,13 @@
 # Two commands: `make repro` runs the whole pipeline, `make test` runs the tests.
-# Both set up .venv by themselves; PIP_ARGS is passed to every pip call.
+# `make study` repeats the experiments of docs/tried.md's last section.
+# All set up .venv by themselves; PIP_ARGS is passed to every pip call.
 PYTHON ?= python3
 PIP_ARGS ?=
 VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro test setup lint lock
+.PHONY: repro test study setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
@@ -14,6 +15,12 @@ repro: setup
 test: setup
 	@$(RUN) ruff check .
 	@$(RUN) pytest -q
+
+# The trainings behind reports/study: resumable, hours without a GPU, then in the background.
+# ARGS="--only cmu --set clips_mirror=/a/mirror/of/cmu"
+study: setup
+	@$(RUN) python benchmarks/study/run.py $(ARGS)
+	@$(RUN) python benchmarks/study/tables.py > $(VENV)/study.md
 
 setup: $(READY)
 

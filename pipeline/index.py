@@ -32,19 +32,21 @@ class Params:
 
     section: ClassVar[str] = "index"
     metric: str = knob("distance between latents, d_Y of eq. (dlu)", one_of=METRICS)
+    with_pairs: bool = knob("store the poses of the mocap pairs too")
 
 
 def main(name: str) -> None:
     """Encode every pose of the entry's pool and store it with its latent."""
     params = read(Params)
     entry = methods.entry(name)
+    names = pool.tables(name, params.with_pairs)
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
     tables = {
         part: store.read(
             TABLES[part](n_dof, robot.margin), DATA / PLACE[part], robot.tag, pool.columns(part)
         )
-        for part in entry.pool
+        for part in names
     }
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
     columns, latent = pool.stored(robot, entry, tables, model)

@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
-from s3le import machine, snapshots, store
+from s3le import latents, machine, snapshots, store
 from s3le.methods import ENTRIES
-from s3le.report import bars, curves, maps, page, strip
+from s3le.report import bars, curves, maps, page, spaces, strip
 from s3le.tables.ground_truth import ground_truth
 from s3le.tables.retargeted import retargeted
+from s3le.tables.robot_poses import robot_poses
 from s3le.tables.skeletons import SKELETONS
 from s3le.tables.synthetic import SYNTHETIC
 
@@ -54,11 +55,17 @@ def main() -> None:
     clip, rows = snapshots.choose(frames, params.strip_clip, params.strip_frames)
     shown = snapshots.strip(robot, frames, rows, truth, answers)
     strip.draw(FIGURES / "strip.png", frames["time"][rows], shown, f"{robot.robot.name}: {clip}")
+    poses = store.read(
+        robot_poses(n_dof, robot.margin), DATA / "robot_poses", robot.tag, ("q",)
+    )
+    models = {name: DATA / f"model-{name}.safetensors" for name in TRAINED}
+    spaces.draw(FIGURES / "latents.png", latents.spaces(robot, frames, truth, poses, models))
     points = store.read(SYNTHETIC, DATA / "synthetic.parquet")
     maps.draw(FIGURES / "synthetic.png", points, tree["synthetic"])
     pictures = {
         "bars": "figures/motions.png",
         "strip": "figures/strip.png",
+        "spaces": "figures/latents.png",
         "curves": "figures/training.png",
         "maps": "figures/synthetic.png",
     }

@@ -44,7 +44,7 @@ class _Own:
     """What every method sets for itself."""
 
     steps: int = knob("optimiser steps", at_least=1)
-    batch_pairs: int = knob("mocap tuples a step", at_least=1)
+    batch_pairs: int = knob("mocap tuples a step; 0: none", at_least=0)
     batch_domain: int = knob("rows a step of each domain's own data", at_least=1)
     weight_recon_x: float = knob("weight of c in X", at_least=0)
     weight_recon_q: float = knob("weight of c in Y", at_least=0)
@@ -72,7 +72,7 @@ class S3le(_Wasserstein):
 
     section: ClassVar[str] = "s3le"
     tau: float = knob("temperature of NT-Xent [-]", at_least=1e-6, shared=True)
-    batch: int = knob("kinematic tuples a step", at_least=1)
+    batch: int = knob("kinematic tuples a step; 0: none", at_least=0)
     weight_nt_xent: float = knob("weight of NT-Xent", at_least=0)
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from s3le import artifact
+from s3le import artifact, methods
+from s3le.errors import ParameterError
 from s3le.machine import Machine
 from s3le.methods import Entry
 
@@ -19,6 +20,19 @@ def columns(table: str) -> tuple[str, ...]:
     return (*_POSE.get(table, ("q", "x")), "clearance", "limit_margin")
 
 
+def tables(name: str, with_pairs: bool) -> tuple[str, ...]:
+    """Tables whose poses an entry stores; without mocap pairs where that is asked for.
+
+    Raises:
+        ParameterError: no such entry, or nothing is left for it to store.
+    """
+    pool = methods.entry(name).pool
+    left = tuple(table for table in pool if with_pairs or table != "mocap_pairs")
+    if not left:
+        raise ParameterError(f"index.with_pairs is false and '{name}' stores nothing but pairs")
+    return left
+
+
 def stored(
     machine: Machine, entry: Entry, tables: Mapping[str, Columns], model: Path | None
 ) -> tuple[Columns, int]:
@@ -29,7 +43,7 @@ def stored(
     Args:
         machine: the robot.
         entry: the row of the comparison.
-        tables: columns of the tables in entry.pool, by name.
+        tables: columns of the tables that are stored, by name, in the order of the rows.
         model: the trained model's file; None for an entry without one.
 
     Returns:
@@ -39,7 +53,7 @@ def stored(
         ModelError: the model is missing, damaged, or of another robot.
     """
     parts = []
-    for name in entry.pool:
+    for name in tables:
         q, x = _POSE.get(name, ("q", "x"))
         rows = tables[name]
         n = len(rows[q])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from s3le.errors import ParameterError
-from s3le.report import bars, curves, maps, page, solid, strip, style
+from s3le.report import bars, curves, maps, page, solid, spaces, strip, style
 from s3le.robot import model
 from s3le.robot.certificate import placements
 
@@ -333,6 +333,22 @@ def points_of(side: int, noise: float = 0.0) -> dict[str, np.ndarray]:
     return both | {"nt_xent": np.repeat([False, True], len(x))}
 
 
+def latent_space(n_motions=3, m=12):
+    rng = np.random.default_rng(0)
+    human = rng.normal(size=(m, 2))
+    return spaces.Space(
+        "s3le", rng.normal(size=(50, 2)), human, human + 0.1, np.arange(m) % n_motions,
+        [f"m{k}" for k in range(n_motions)], 5.5, 0.25,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("panels", [[3], [3, 3, 3], [20], []])
+def test_latent_spaces_draw_a_panel_each(tmp_path, panels):
+    made = [latent_space(k, 40) for k in panels]
+    width, _ = twice(tmp_path, lambda path: spaces.draw(path, made))
+    assert width == round(3.3 * max(len(panels), 1) * style.DPI)
+
+
 @pytest.mark.parametrize("side", [3, 5, 41])
 def test_maps_draw_any_grid(tmp_path, side):
     width, height = twice(
@@ -461,7 +477,7 @@ def test_page_says_what_was_not_measured():
     assert line_of(text, LABEL["lwl2_pairs"]).count("not measured") == 6
     assert line_of(text, LABEL["lwl2"]).endswith("| not measured |")
     assert "Training: not measured." in text
-    assert text.count("Figure: not drawn.") == 4
+    assert text.count("Figure: not drawn.") == 5
 
 
 def test_page_lists_the_pairs_that_are_not_watched():

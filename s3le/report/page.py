@@ -41,6 +41,13 @@ _FIGURES = {
         "Each column is one moment. The first row is the human that the robots below should "
         "resemble; a red outline marks a pose in which the robot collides with itself.",
     ),
+    "spaces": (
+        "Latent spaces",
+        "Each panel is one method's latent space in the plane in which robot poses (grey) spread "
+        "most. A coloured dot is a human frame, the line from it leads to the latent of the pose "
+        "that optimisation found for it: the shorter these lines against the grey cloud (the "
+        "number below, over all dimensions), the better the two domains share the space.",
+    ),
     "curves": (
         "Training curves",
         "Each panel is one training, each line one term of its loss. Lines that have gone flat "
@@ -72,8 +79,8 @@ def markdown(
             "moved_mean_rad" [rad], "accepted_share" a share in [0, 1], the rest counts.
         training: for each method its history, rows of "step" and loss terms [-]
             (as curves.draw takes it).
-        figures: path of each picture, relative to the page: "bars", "strip", "curves", "maps", or
-            any other name.
+        figures: path of each picture, relative to the page: "bars", "strip", "spaces", "curves",
+            "maps", or any other name.
         unwatched: pairs of bodies that do not count for clearance: first body, second body, what
             they are (e.g. "limb-trunk"), and why.
 
