@@ -1,5 +1,5 @@
 # Two commands: `make repro` runs the whole pipeline, `make test` runs the tests.
-# `make study` repeats the experiments of docs/tried.md's last section.
+# `make study` repeats the trainings behind reports/study.
 # All set up .venv by themselves; PIP_ARGS is passed to every pip call.
 PYTHON ?= python3
 PIP_ARGS ?=
@@ -16,11 +16,10 @@ test: setup
 	@$(RUN) ruff check .
 	@$(RUN) pytest -q
 
-# The trainings behind reports/study: resumable, hours without a GPU, then in the background.
+# Resumable; without a GPU it takes hours and goes on in the background.
 # ARGS="--only cmu --set clips_mirror=/a/mirror/of/cmu"
 study: setup
 	@$(RUN) python benchmarks/study/run.py $(ARGS)
-	@$(RUN) python benchmarks/study/tables.py > $(VENV)/study.md
 
 setup: $(READY)
 

@@ -26,16 +26,17 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import polars as pl
+import tables  # beside this file
 import torch
 import typer
 from ruamel.yaml import YAML
+
+from s3le import store
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 PLAN = HERE / "plan.yaml"
 WORK = ROOT / "data/study"
-CLONE = WORK / "clone"
-LOG = WORK / "log"
 RUNS = ROOT / "reports/study/runs.csv"
 KEYS = ("experiment", "row", "seed")
 FIGURES = ("frames", "to_truth", "to_human", "collision_rate", "below_margin_rate", "limit_rate")
@@ -81,52 +82,52 @@ def is_there(run: Run) -> bool:
 
 def record(run: Run, found: list[dict[str, Any]]) -> None:
     """Add a run's rows, in place of those of the same run; the file is the old or the new one."""
-    new, old = pl.DataFrame(found), recorded()
-    if old is not None:
-        same = pl.all_horizontal(pl.col(key) == getattr(run, key) for key in KEYS)
-        new = pl.concat([old.filter(~same), new], how="vertical_relaxed")
-    RUNS.parent.mkdir(parents=True, exist_ok=True)
-    part = RUNS.with_name(RUNS.name + ".part")
-    new.write_csv(part, float_precision=6)
-    part.replace(RUNS)
+    WORK.mkdir(parents=True, exist_ok=True)
+    with (WORK / "runs.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # another study may write too
+        new, old = pl.DataFrame(found), recorded()
+        if old is not None:
+            same = pl.all_horizontal(pl.col(key) == getattr(run, key) for key in KEYS)
+            new = pl.concat([old.filter(~same), new], how="vertical_relaxed")
+        store.write_csv(new.to_dicts(), RUNS)
 
 
-def prepare() -> str:
+def prepare(clone: Path) -> str:
     """Clone the last commit, or bring the clone to it; returns the commit."""
     commit = _git(ROOT, "rev-parse", "HEAD")
     if _git(ROOT, "status", "--porcelain", "--", "s3le", "pipeline", "dvc.yaml", "params.yaml"):
         raise SystemExit("the pipeline has changes that are not committed; commit them, then study")
-    if not (CLONE / ".git").is_dir():
-        CLONE.mkdir(parents=True, exist_ok=True)
-        _git(ROOT, "clone", "-q", "--no-checkout", str(ROOT), str(CLONE))
+    if not (clone / ".git").is_dir():
+        clone.mkdir(parents=True, exist_ok=True)
+        _git(ROOT, "clone", "-q", "--no-checkout", str(ROOT), str(clone))
         for shared in ("downloads", "shards"):  # fetched clips and tuples that were made before
             (ROOT / "data" / shared).mkdir(exist_ok=True)
-            (CLONE / "data").mkdir(exist_ok=True)
-            (CLONE / "data" / shared).symlink_to(ROOT / "data" / shared)
-    _git(CLONE, "fetch", "-q", "origin", commit)
-    _git(CLONE, "checkout", "-q", "--force", "--detach", commit)
+            (clone / "data").mkdir(exist_ok=True)
+            (clone / "data" / shared).symlink_to(ROOT / "data" / shared)
+    _git(clone, "fetch", "-q", "origin", commit)
+    _git(clone, "checkout", "-q", "--force", "--detach", commit)
     return commit
 
 
-def perform(run: Run, commit: str) -> list[dict[str, Any]]:
+def perform(run: Run, clone: Path, commit: str) -> list[dict[str, Any]]:
     """Train and evaluate one run in the clone; its rows."""
-    _git(CLONE, "checkout", "-q", "--force", "--", "params.yaml")
+    _git(clone, "checkout", "-q", "--force", "--", "params.yaml")
     yaml = YAML()
-    params = yaml.load(CLONE / "params.yaml")
+    params = yaml.load(clone / "params.yaml")
     for key, value in run.changed.items():
         *section, name = key.split(".")
         home = params[section[0]] if section else params
         if name not in home:
             raise SystemExit(f"{PLAN.name}: '{run.row}': params.yaml has no {key}")
         home[name] = value
-    yaml.dump(params, CLONE / "params.yaml")
+    yaml.dump(params, clone / "params.yaml")
     began = time.perf_counter()
     stages = [f"evaluate@{entry}" for entry in run.entries]
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     done = subprocess.run(
         [sys.executable, "-m", "dvc", "repro", "-q", *stages],
-        cwd=CLONE,
-        env=os.environ | {"PYTHONPATH": str(CLONE), "PATH": path},
+        cwd=clone,
+        env=os.environ | {"PYTHONPATH": str(clone), "PATH": path},
         check=False,
     )
     if done.returncode:
@@ -140,13 +141,13 @@ def perform(run: Run, commit: str) -> list[dict[str, Any]]:
     }
     rows = []
     for entry in run.entries:
-        figures = json.loads((CLONE / f"data/counts/evaluate-{entry}.json").read_text())
+        figures = json.loads((clone / f"data/counts/evaluate-{entry}.json").read_text())
         for split, part in figures.items():
             for motion, found in [("all", part["all"]), *part["motions"].items()]:
                 rows.append(
                     {key: getattr(run, key) for key in KEYS}
                     | {"method": entry, "split": split, "motion": motion}
-                    | {key: found[key] for key in FIGURES}
+                    | {key: round(found[key], 6) for key in FIGURES}
                     | {"pool": part["all"]["pool"]}
                     | about
                 )
@@ -170,6 +171,9 @@ def main(
     assign: Annotated[list[str] | None, typer.Option("--set", help="parameter=value")] = None,
     again: Annotated[bool, typer.Option(help="make rows anew that are there")] = False,
     foreground: Annotated[bool, typer.Option(help="stay, also without a GPU")] = False,
+    folder: Annotated[
+        Path, typer.Option(help="where it works; one for each study at a time")
+    ] = WORK,
 ) -> None:
     """Train what is not recorded yet, then write the tables."""
     yaml = YAML(typ="safe")
@@ -179,32 +183,34 @@ def main(
     typer.echo(f"{len(runs) - len(todo)} of {len(runs)} trainings are recorded in {RUNS}")
     if not todo:
         return
-    WORK.mkdir(parents=True, exist_ok=True)
-    lock = (WORK / "lock").open("w")
+    folder.mkdir(parents=True, exist_ok=True)
+    lock, log = (folder / "lock").open("w"), folder / "log"
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        typer.echo(f"the rest is being made; follow it with: tail -f {LOG}")
+        typer.echo(f"the rest is being made; follow it with: tail -f {log}")
         return
     if not foreground and not torch.cuda.is_available():
         lock.close()
-        with LOG.open("ab") as log:
+        with log.open("ab") as told:
             subprocess.Popen(
                 ["nice", "-n", "19", sys.executable, __file__, *sys.argv[1:], "--foreground"],
                 stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
+                stdout=told,
+                stderr=told,
                 start_new_session=True,
             )
         typer.echo(
             "no GPU: going on in the background, 5 to 15 minutes a training on 2 cores;\n"
-            f"follow it with: tail -f {LOG}; call make study again to see how far it is"
+            f"follow it with: tail -f {log}; call make study again to see how far it is"
         )
         return
-    commit = prepare()
+    commit = prepare(folder / "clone")
     for number, run in enumerate(todo, 1):
         typer.echo(f"{number} of {len(todo)}: {run.experiment}: {run.row}, seed {run.seed}")
-        record(run, perform(run, commit))
+        record(run, perform(run, folder / "clone", commit))
+        tables.main()
+    typer.echo(f"read {RUNS.with_name('study.md')}")
 
 
 def _git(folder: Path, *words: str) -> str:

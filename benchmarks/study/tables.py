@@ -13,6 +13,7 @@ from pathlib import Path
 import polars as pl
 from ruamel.yaml import YAML
 
+from s3le import store
 from s3le.methods import ENTRIES
 from s3le.report import bars
 
@@ -96,17 +97,19 @@ def wins(runs: pl.DataFrame) -> str:
     return f"S3LE is below every baseline in {told} motions (by seed): {a / n:.0%}."
 
 
-def tries(runs: pl.DataFrame) -> str:
+def tries(runs: pl.DataFrame, order: list[str]) -> str:
     """One line a try: S3LE and what brute force finds on its pool."""
     rows, base = [], None
-    for row in runs["row"].unique(maintain_order=True):
+    for row in order:
         own = runs.filter(row=row, motion="all").sort("seed")
         mine = own.filter(method="s3le")
+        if mine.is_empty():
+            continue
         brute = own.filter(method="skeleton_all")["to_truth"].mean()
         base = mine if base is None else base
         both = mine.join(base, on="seed", suffix="_base")
         change = both["to_truth"] - both["to_truth_base"]
-        told = "-" if row == base["row"][0] else f"{change.mean():+.4f}"
+        told = "-" if row == base["row"][0] or not len(change) else f"{change.mean():+.4f}"
         if len(change) > 1 and told != "-":
             told += f" ± {change.std() / math.sqrt(len(change)):.4f}"
         rows.append(
@@ -119,6 +122,8 @@ def tries(runs: pl.DataFrame) -> str:
                 str(len(mine)),
             ]
         )
+    if base is None:
+        return "Not trained yet."
     first = base["row"][0]
     head = ["S3LE with", "to the ground truth", f"against '{first}' (± standard error)",
             "brute force, same poses", "ratio", "seeds"]  # fmt: skip
@@ -141,7 +146,7 @@ def main() -> None:
         parts += [f"## {name}", f"{what['about']}. {seeds} seeds; commit {made}; {where}."]
         if len(what["evaluate"]) == 2:
             for split in own["split"].unique(maintain_order=True):
-                parts += [f"Split *{split}*:", tries(own.filter(split=split))]
+                parts += [f"Split *{split}*:", tries(own.filter(split=split), list(what["tries"]))]
             continue
         for split in own["split"].unique(maintain_order=True):
             part = own.filter(split=split)
@@ -152,8 +157,7 @@ def main() -> None:
         draw(own, name)
         parts += [f"![{name}: each motion]({name}.png)"]
     text = "\n\n".join(parts) + "\n"
-    (REPORTS / "study.md").write_text(text, encoding="utf-8")
-    print(text)
+    store.write_text(text, REPORTS / "study.md")
 
 
 def draw(runs: pl.DataFrame, name: str) -> None:
