@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pipeline.stage import knob, launch, read
 from s3le import machine, methods, pool, store
-from s3le.index import METRICS
+from s3le.index import LATENT_METRICS
 from s3le.tables.index import index
 from s3le.tables.kinematic_pairs import kinematic_pairs
 from s3le.tables.mocap_pairs import mocap_pairs
@@ -31,7 +31,8 @@ class Params:
     """How neighbours are measured; what is stored follows from the entry (s3le/methods.py)."""
 
     section: ClassVar[str] = "index"
-    metric: str = knob("distance between latents, d_Y of eq. (dlu)", one_of=METRICS)
+    metric_s3le: str = knob("distance between latents, d_Y of eq. (dlu)", one_of=LATENT_METRICS)
+    metric_lwl2: str = knob("the same for LWL2", one_of=LATENT_METRICS)
     with_pairs: bool = knob("store the poses of the mocap pairs too")
 
 
@@ -51,7 +52,9 @@ def main(name: str) -> None:
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
     columns, latent = pool.stored(robot, entry, tables, model)
     table = index(n_dof, robot.margin, latent)
-    note = {"metric": params.metric, "latent": str(latent)}
+    # Between skeletons L2 is it: its square is 14 times the mean cosine distance.
+    metric = {"s3le": params.metric_s3le, "lwl2": params.metric_lwl2}.get(entry.model, "l2")
+    note = {"metric": metric, "latent": str(latent)}
     store.write(columns, table, DATA / f"index-{name}.parquet", robot.tag, note)
 
 

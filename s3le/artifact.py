@@ -19,6 +19,7 @@ from safetensors.torch import save
 from s3le.errors import ModelError
 from s3le.models import METHODS, AleModel, SharedLatent, Sizes, build
 
+Model = SharedLatent | AleModel
 FORMAT = 1  # raised when a stored model can no longer be read by newer code
 ROWS = 8192  # rows per forward pass: bounds memory, costs no speed
 

@@ -37,7 +37,7 @@ def answer(
         truth: columns of table ground_truth, one row for each test frame, in the same order.
         pool: columns of table index; None for an entry that decodes.
         model: the trained model's file; None for an entry without one.
-        metric: index.METRICS; None for an entry that decodes.
+        metric: index.LATENT_METRICS; None for an entry that decodes.
         progress: called with numbers of rows done, twice a row (answered, checked).
 
     Returns:
@@ -65,7 +65,7 @@ def answer(
         found = np.full(len(q), -1, np.int32)
         report = checker.check(q, progress)
     else:
-        found, _ = index.look_up(pool["z"], np.asarray(z, np.float32), metric, progress)
+        found, _ = index.look_up(*_comparable(pool, z, metric, net), progress)
         q = pool["q"][found]
         report = checker.require(q, machine.margin, progress)
     x = batch.skeletons(machine.chain, q)
@@ -96,3 +96,20 @@ def answer(
         )
         figures[part]["all"]["pool"] = len(pool["z"]) if pool is not None else 0
     return columns, figures
+
+
+def _comparable(
+    pool: Columns, z: np.ndarray, metric: str, net: artifact.Model | None
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """Stored vectors, queries, and which of index.METRICS they are to be compared by.
+
+    "decoded" compares what latents decode to, P^X(z); "mahalanobis" their best linear guess at
+    the skeleton (index.to_skeletons); both by L2.
+    """
+    stored = pool["z"]
+    if metric == "decoded":
+        stored, z, metric = artifact.decode_x(net, stored), artifact.decode_x(net, z), "l2"
+    elif metric == "mahalanobis":
+        onto = index.to_skeletons(stored, pool["x"])
+        stored, z, metric = stored @ onto, z @ onto, "l2"
+    return stored, np.asarray(z, np.float32), metric

@@ -6,7 +6,9 @@ from s3le.errors import ParameterError
 from s3le.kernels.batch import Progress
 from s3le.kernels.nearest import nearest
 
-METRICS = ("l2", "l1", "cosine")
+METRICS = ("l2", "l1", "cosine")  # of the vectors as they are
+LATENT_METRICS = (*METRICS, "decoded", "mahalanobis")  # and of latents brought to X first
+RIDGE = 1e-6  # of the fit in `to_skeletons`, in mean variances of a latent's dimension
 
 
 def look_up(
@@ -17,7 +19,7 @@ def look_up(
     Args:
         stored: latents of the stored poses, (n, d).
         queries: latents of the frames, (m, d).
-        metric: one of METRICS: d_Y of eq. (dlu), which the paper leaves open.
+        metric: one of METRICS.
         progress: called with numbers of queries done.
 
     Returns:
@@ -37,6 +39,30 @@ def look_up(
     if metric == "cosine":
         stored, queries = normalised(stored), normalised(queries)
     return nearest(stored, queries, "l1" if metric == "l1" else "l2", progress)
+
+
+def to_skeletons(z: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The linear map from latents to skeletons that fits stored poses best (least squares).
+
+    |A (z - z')| is a Mahalanobis distance of latents that weighs each direction of the latent
+    space by what it moves in the skeleton; directions that hold what a skeleton cannot show
+    weigh nothing.
+
+    Args:
+        z: latents of the stored poses, (n, d).
+        x: their skeletons, (n, 21).
+
+    Returns:
+        A, float64 (d, 21), to be applied as z @ A. The same for any number of threads.
+    """
+    z = np.asarray(z, float) - np.mean(z, axis=0, dtype=float)
+    x = np.asarray(x, float) - np.mean(x, axis=0, dtype=float)
+    # einsum adds up in one order; a matrix product's depends on its threads.
+    inner, outer = np.einsum("ni,nj->ij", z, z), np.einsum("ni,nj->ij", z, x)
+    ridge = RIDGE * np.trace(inner) / len(inner)
+    if not ridge > 0.0:
+        return np.zeros_like(outer)  # latents that do not vary tell nothing
+    return np.linalg.solve(inner + ridge * np.eye(len(inner)), outer)
 
 
 def normalised(z: np.ndarray) -> np.ndarray:

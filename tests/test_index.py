@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from s3le.errors import ParameterError
-from s3le.index import METRICS, look_up
+from s3le.index import METRICS, look_up, to_skeletons
 
 
 def plain(stored, queries, metric):
@@ -65,3 +65,23 @@ def test_a_latent_that_is_not_finite_is_refused(where):
 def test_what_cannot_be_searched_is_refused(stored, queries, metric, words):
     with pytest.raises(ParameterError, match=words):
         look_up(stored, queries, metric)
+
+
+def test_to_skeletons_finds_what_the_latents_tell_of_the_skeleton():
+    rng = np.random.default_rng(3)
+    z = rng.normal(size=(2000, 6)) * [1, 5, 1, 1, 1, 40]
+    onto = np.vstack([rng.normal(size=(5, 21)), np.zeros((1, 21))])  # the widest says nothing
+    x = z @ onto + 0.3
+    found = to_skeletons(z.astype(np.float32), x)
+    np.testing.assert_allclose(found[:5], onto[:5], rtol=0.05, atol=0.05)
+    assert np.abs(found[5]).max() < 1e-3
+    stored, query = z[:-1], z[-1:] + [0, 0, 0, 0, 0, 30.0]
+    row, _ = look_up(*(v @ found for v in (stored, query)), "l2")
+    true, _ = look_up(*(v @ onto for v in (stored, query)), "l2")
+    assert row == true
+
+
+@pytest.mark.parametrize("value", [0.0, 2.5])
+def test_to_skeletons_of_latents_that_do_not_vary_is_zero(value):
+    found = to_skeletons(np.full((10, 3), value), np.random.default_rng(0).normal(size=(10, 21)))
+    assert np.isfinite(found).all() and np.abs(found).max() == 0.0
