@@ -1,0 +1,2 @@
+def retarget() -> None:
+    pass
