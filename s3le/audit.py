@@ -63,6 +63,7 @@ class Report(NamedTuple):
     least: float  # [m], least clearance of a pose
     bound: float  # [m], proven lower bound of the clearance on all paths; NaN: not all are proven
     fastest: float  # [rad/s], highest speed of any joint
+    clearance: np.ndarray  # [m], (n,), of every pose by coal; NaN: no pose
 
     @property
     def holds(self) -> bool:
@@ -72,8 +73,14 @@ class Report(NamedTuple):
     @property
     def first(self) -> Finding | None:
         """The earliest thing that does not hold."""
-        found = [check.first for check in self.checks if check.first]
+        found = (check.first for check in self.checks if check.first)
         return min(found, key=lambda one: one.time, default=None)
+
+    @property
+    def complaint(self) -> str:
+        """The earliest thing that does not hold, as a sentence; empty if everything does."""
+        first = self.first
+        return next((say(c.name, first) for c in self.checks if first and c.first is first), "")
 
 
 def demands(
@@ -160,6 +167,7 @@ def audit(
         least=float(poses.clearance.min()),
         bound=float(paths.bound.min(initial=np.inf)) if proven.all() and len(proven) else np.nan,
         fastest=float(speed.max(initial=0.0)),
+        clearance=poses.clearance,
     )
 
 
@@ -218,6 +226,22 @@ def tree(report: Report) -> dict[str, Any]:
     }
 
 
+def say(check: str, one: Finding) -> str:
+    """What a check of this name found, as a sentence."""
+    when = f"{one.time:.4f} s (row {one.row}): "
+    if check == "limits" and one.value < 0:
+        return when + f"{one.what} is {-one.value:.5f} rad outside its range"
+    if check == "limits":
+        return when + f"{one.what} is {one.value:.5f} rad from the end of its range"
+    if check == "velocities":
+        return when + f"{one.what} turns at {one.value:.3f} rad/s of {one.wanted:g}"
+    if not one.what:
+        return when + "not decided within the budget (--budget)" if check == "paths" else "no pose"
+    if one.value < 0:
+        return when + f"{one.what} overlap by {-one.value * 1e3:.3f} mm"
+    return when + f"{one.what} are {one.value * 1e3:.3f} mm apart"
+
+
 def _tree(one: Finding | None) -> dict[str, Any] | None:
     return one and {key: _number(value) for key, value in one._asdict().items()}
 
@@ -259,7 +283,7 @@ def _poses(
 ) -> Check:
     return _check(
         "poses", "m", time, ~clear, clearance - margin, clearance,
-        lambda i: machine.pair_name(pair[i]) if pair[i] >= 0 else "no pose", margin,
+        lambda i: machine.pair_name(pair[i]) if pair[i] >= 0 else "", margin,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from s3le.cli import shell
 from s3le.errors import S3leError
 
 if TYPE_CHECKING:
-    from s3le.audit import Check, Demands, Finding, Report
+    from s3le.audit import Check, Demands, Report
     from s3le.machine import Machine
 
 
@@ -137,6 +137,8 @@ def _one(
 def _lines(
     path: Path, machine: "Machine", wanted: "Demands", report: "Report", notes: list[str]
 ) -> list[str]:
+    from s3le.audit import say
+
     robot = machine.robot
     lines = [
         f"{path}: {report.rows} poses, {report.seconds:.3f} s, robot {robot.name} {robot.digest}",
@@ -152,38 +154,18 @@ def _lines(
         good = check.total - check.broken
         lines.append(f"  {asked[check.name] + ':':<42} {good} of {check.total} hold" + _open(check))
         if check.broken:
-            lines += [f"      {_say(check.name, one, wanted)}" for one in check.worst]
+            lines += [f"      {say(check.name, one)}" for one in check.worst]
         elif check.worst and check.name != "paths":
-            lines.append(f"      nearest: {_say(check.name, check.worst[0], wanted)}")
+            lines.append(f"      nearest: {say(check.name, check.worst[0])}")
     if report.holds:
         lines.append("  CERTIFIED")
     else:
-        check = next(c for c in report.checks if c.first == report.first)
-        lines.append(f"  NOT CERTIFIED; first: {_say(check.name, check.first, wanted)}")
+        lines.append(f"  NOT CERTIFIED; first: {report.complaint}")
     return lines
 
 
 def _open(check: "Check") -> str:
     return f", {check.undecided} not decided" if check.undecided else ""
-
-
-def _say(name: str, one: "Finding", wanted: "Demands") -> str:
-    when = f"{one.time:.4f} s (row {one.row}): "
-    if name == "limits":
-        if one.value < 0:
-            return when + f"{one.what} is {-one.value:.5f} rad outside its range"
-        return when + f"{one.what} is {one.value:.5f} rad from the end of its range"
-    if name == "velocities":
-        return when + f"{one.what} turns at {one.value:.3f} rad/s of {one.wanted:g}"
-    if not one.what or one.value != one.value:
-        return when + (
-            f"not decided after {wanted.budget} poses; --budget allows more"
-            if name == "paths"
-            else "no pose"
-        )
-    if one.value < 0:
-        return when + f"{one.what} overlap by {-one.value * 1e3:.3f} mm"
-    return when + f"{one.what} are {one.value * 1e3:.3f} mm apart"
 
 
 def _closing(machine: "Machine", told: list[dict[str, Any]]) -> list[str]:

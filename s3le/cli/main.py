@@ -14,9 +14,9 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-app.command("audit")(audit.audit)
-app.command("retarget")(retarget.retarget)
-app.command("stream")(stream.stream)
+app.command("retarget", short_help="Motion files in, certified motions out.")(retarget.retarget)
+app.command("audit", short_help="Check any trajectory, pose by pose and between.")(audit.audit)
+app.command("stream", short_help="A live human in, a certified robot out.")(stream.stream)
 
 
 def run() -> None:
