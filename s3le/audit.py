@@ -15,6 +15,7 @@ import numpy as np
 from s3le import segments
 from s3le.errors import ParameterError
 from s3le.machine import Machine
+from s3le.robot.certificate import Certifier
 from s3le.segments import BUDGET, CERTIFIED, COLLIDES, UNDECIDED
 
 ROUNDING = 1e-6  # share by which a speed may exceed its limit: times in a file are rounded
@@ -145,11 +146,13 @@ def audit(
         at_rows: clearance asked of each pose [m], (n,), instead of wanted.margin.
         progress: called with numbers of further rows done; 2 n - 1 in all.
     """
-    machine = replace(machine, margin=wanted.margin)
+    if machine.margin != wanted.margin:
+        machine = replace(machine, margin=wanted.margin)
     time, q = np.asarray(time, float), np.ascontiguousarray(q, float)
     margin = np.full(len(q), wanted.margin) if at_rows is None else at_rows
     paths = segments.certify(machine, q, wanted.margin_between, wanted.budget, progress)
-    poses = machine.certifier().check(q, progress)
+    checker = machine.certifier()
+    poses = checker.check(q, progress)
     speed = np.abs(np.diff(q, axis=0)) / np.diff(time)[:, None]  # (n - 1, n_dof)
     clear = poses.clearance >= margin  # NaN compares False
     proven = paths.status == CERTIFIED
@@ -160,7 +163,7 @@ def audit(
             _limits(machine, time, q),
             _velocities(machine, time, speed, wanted.velocity),
             _poses(machine, time, poses.clearance, poses.pair, margin, clear),
-            _paths(machine, time, q, paths, wanted.margin_between),
+            _paths(machine, checker, time, q, paths, wanted.margin_between),
         ),
         deep=int((poses.clearance < 0.0).sum()),
         between=int(((paths.status == COLLIDES) & clear[:-1] & clear[1:]).sum()),
@@ -288,23 +291,29 @@ def _poses(
 
 
 def _paths(
-    machine: Machine, time: np.ndarray, q: np.ndarray, paths: segments.Segments, margin: float
+    machine: Machine,
+    checker: Certifier,
+    time: np.ndarray,
+    q: np.ndarray,
+    paths: segments.Segments,
+    margin: float,
 ) -> Check:
     """Paths by coal's word where the proof found a pose that is too close."""
     hit = np.flatnonzero(paths.status == COLLIDES)
     t = paths.t[hit][:, None]
-    seen = machine.certifier().check((1.0 - t) * q[hit] + t * q[hit + 1])
+    seen = checker.check((1.0 - t) * q[hit] + t * q[hit + 1])
     value, pair = paths.bound.copy(), paths.pair.copy()
     value[hit], pair[hit] = seen.clearance, seen.pair
     when = time[:-1].copy()
     when[hit] += t[:, 0] * np.diff(time)[hit]
-    # The open ones last: how bad they are is not known.
-    order = np.where(paths.status == UNDECIDED, np.inf, value)
+    unknown = paths.status == UNDECIDED
+    value[unknown] = np.nan
+    order = np.where(unknown, np.inf, value)  # last: how bad they are is not known
     found = _check(
         "paths", "m", when, paths.status != CERTIFIED, order, value,
         lambda i: machine.pair_name(pair[i]) if pair[i] >= 0 else "", margin,
     )  # fmt: skip
-    return found._replace(undecided=int((paths.status == UNDECIDED).sum()))
+    return found._replace(undecided=int(unknown.sum()))
 
 
 def _check(

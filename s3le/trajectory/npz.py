@@ -4,6 +4,7 @@ Arrays `time` [s], `q` [rad] (n, n_dof), `joint_names`, `clearance` [m], `mode`,
 text), and `fps` [Hz] where the steps in time are alike. `np.load(path)` reads it.
 """
 
+import ast
 import json
 import math
 import zipfile
@@ -20,6 +21,7 @@ from s3le.trajectory.trajectory import Trajectory
 
 MOST_BYTES = 4 << 30  # of one array, unpacked; ten hours of forty joints at 1 kHz
 MOST_ARRAYS = 256
+LONGEST_HEADER = 65_536  # [bytes]
 _PLAIN = "biufU"  # kinds of dtype that are data and nothing else
 
 
@@ -80,15 +82,7 @@ def _arrays(path: Path, archive: zipfile.ZipFile) -> dict[str, np.ndarray]:
 
 def _array(name: str, stream: BinaryIO, size: int) -> np.ndarray:
     """One .npy, held to its own header before memory is asked for."""
-    try:
-        version = np.lib.format.read_magic(stream)
-        header = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }[version]
-        shape, fortran, dtype = header(stream)
-    except (ValueError, KeyError, SyntaxError, TypeError, RecursionError, MemoryError) as error:
-        raise TrajectoryError(f"{name} is no array of numpy's ({_line(error)})") from None
+    shape, fortran, dtype = _header(name, stream)
     if dtype.hasobject:
         raise TrajectoryError(
             f"{name} is pickled, which can run any program when opened; "
@@ -96,8 +90,6 @@ def _array(name: str, stream: BinaryIO, size: int) -> np.ndarray:
         )
     if dtype.kind not in _PLAIN or dtype.shape:
         raise TrajectoryError(f"{name} holds {dtype}, which is neither numbers nor words")
-    if not all(isinstance(n, int) and n >= 0 for n in shape):
-        raise TrajectoryError(f"{name} has no shape but {shape}")
     claimed = math.prod(shape) * dtype.itemsize
     if claimed > min(size, MOST_BYTES):
         raise TrajectoryError(f"{name} claims {claimed} bytes, the file has {size}")
@@ -108,11 +100,31 @@ def _array(name: str, stream: BinaryIO, size: int) -> np.ndarray:
         return np.zeros(shape, "U1")
     array = np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")
     if dtype.kind == "U":
-        try:
-            array.tolist()
-        except ValueError as error:
-            raise TrajectoryError(f"{name} holds words that are no text ({error})") from None
+        codes = np.frombuffer(data, np.dtype("u4").newbyteorder(dtype.byteorder))
+        if ((codes > 0x10FFFF) | ((codes >= 0xD800) & (codes <= 0xDFFF))).any():
+            raise TrajectoryError(f"{name} holds words that are no text")
     return array
+
+
+def _header(name: str, stream: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, order and type. numpy's own reader mends headers of Python 2, and warns or worse."""
+    magic = stream.read(8)
+    width = {b"\x01\x00": 2, b"\x02\x00": 4, b"\x03\x00": 4}.get(magic[6:])
+    if magic[:6] != b"\x93NUMPY" or width is None:
+        raise TrajectoryError(f"{name} is no array of numpy's")
+    length = int.from_bytes(stream.read(width), "little")
+    if length > LONGEST_HEADER:
+        raise TrajectoryError(f"{name} is no array of numpy's (a header of {length} bytes)")
+    try:
+        header = ast.literal_eval(stream.read(length).decode().strip())
+        shape, fortran = header["shape"], header["fortran_order"]
+        dtype = np.dtype(header["descr"])
+    except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError) as error:
+        raise TrajectoryError(f"{name} is no array of numpy's ({_line(error)})") from None
+    whole = isinstance(shape, tuple) and all(type(n) is int and n >= 0 for n in shape)
+    if not whole or type(fortran) is not bool:
+        raise TrajectoryError(f"{name} is no array of numpy's (its shape is {shape!r:.40})")
+    return shape, fortran, dtype
 
 
 def _about(text: np.ndarray | None) -> dict:
