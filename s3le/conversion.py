@@ -21,7 +21,7 @@ from s3le.skeleton import BONES, cosine_distance
 from s3le.trajectory import trajectory
 from s3le.trajectory.trajectory import Trajectory
 
-START, LEAD_IN, BETWEEN = "start", "lead-in", "between"  # modes that no retargeter gives
+START, LEAD_IN, BETWEEN = "start", "lead_in", "between"  # beside the retargeter's own modes
 LONGEST_LEAD_IN = 600.0  # [s]
 
 Progress = Callable[[int], object] | None

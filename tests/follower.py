@@ -7,7 +7,9 @@ its speed allows and a proof exists, in halves, and else holds.
 from types import SimpleNamespace
 
 import numpy as np
+from worlds import coman
 
+from s3le.following import Follower
 from s3le.kernels import batch
 from s3le.machine import Machine
 from s3le.segments import CERTIFIED, Prover
@@ -15,19 +17,26 @@ from s3le.segments import CERTIFIED, Prover
 ROOM = 1e-6  # [m], kept beyond the margin: kernels and coal agree to 1e-7
 
 
-class Plain:
-    """Implements s3le.following.Retargets."""
+MODES = {0: "start", 1: "reached", 2: "slowed", 3: "held"}
 
-    MODES = {0: "start", 1: "reached", 2: "slowed", 3: "held"}
+
+def follow_by(cls) -> Follower:
+    """COMAN, led by one of the retargeters below."""
+    return Follower(cls(coman()), MODES)
+
+
+class Plain:
+    """Implements s3le.following.Retargets, and is its own only stream."""
 
     def __init__(self, machine: Machine, margin_between: float = 0.0005) -> None:
-        self.machine, self.margin_between = machine, margin_between
-        self.velocity = np.array([joint.velocity for joint in machine.robot.joints])
+        self.machine, self.settings = machine, SimpleNamespace(between=margin_between)
+        self.speed = np.array([joint.velocity for joint in machine.robot.joints])
         self._prover = Prover(machine, margin_between)
         self._q = None
 
     def start(self, q=None):
         self._q = None if q is None else np.array(q, float)
+        return self
 
     def step(self, x, dt):
         machine = self.machine
@@ -61,7 +70,7 @@ class Plain:
         moving = np.abs(change) > 0
         if not moving.any():
             return 1.0
-        return min(1.0, float((self.velocity[moving] * dt / np.abs(change[moving])).min()))
+        return min(1.0, float((self.speed[moving] * dt / np.abs(change[moving])).min()))
 
 
 class Reckless(Plain):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from follower import Plain, Reckless
+from follower import Plain, Reckless, follow_by
 from handmade import bvh, write
 from typer.testing import CliRunner
 from worlds import coman, relaxed
@@ -19,7 +19,6 @@ from s3le import following
 from s3le.cli import shell
 from s3le.cli.main import app
 from s3le.errors import ParameterError, RobotError
-from s3le.following import Follower
 from s3le.kernels import batch
 from s3le.trajectory import files, trajectory
 
@@ -66,7 +65,7 @@ def bad(tmp_path):
 @pytest.fixture
 def retargeter(monkeypatch):
     """A retargeter in every folder."""
-    made = Follower(Plain(coman()))
+    made = follow_by(Plain)
     monkeypatch.setattr(following, "load", lambda folder, method=None: made)
     return made
 
@@ -258,7 +257,7 @@ def test_a_clip_that_fails_is_named_and_the_others_are_written(tmp_path, retarge
 
 
 def test_nothing_is_written_of_a_motion_that_does_not_hold(tmp_path, monkeypatch):
-    reckless = Follower(Reckless(coman()))
+    reckless = follow_by(Reckless)
     monkeypatch.setattr(following, "load", lambda folder, method=None: reckless)
     rows = [[0, 0, 0, 0, 0, 0, -80 * (i % 2), 0, 0, 0, 0, 0] for i in range(6)]
     write(tmp_path / "a.bvh", bvh(rows, order="ZXY", step=".033"))
@@ -276,7 +275,7 @@ def test_rate_and_lead_in_reach_the_file(tmp_path, retargeter):
     assert said.exit_code == shell.OK, said.output
     back = files.read(out / "a.npz")
     assert back.rate == pytest.approx(200.0) or json.loads((out / "a.json").read_text())["rows"]
-    assert back.mode[0] == "start" and "lead-in" in back.mode and "between" in back.mode
+    assert back.mode[0] == "start" and "lead_in" in back.mode and "between" in back.mode
 
 
 @pytest.mark.parametrize(
@@ -329,7 +328,7 @@ def test_a_stream_on_standard_input(retargeter):
 
 
 def test_a_stream_that_the_check_refuses_ends_with_a_status(monkeypatch):
-    monkeypatch.setattr(following, "load", lambda *_: Follower(Reckless(coman())))
+    monkeypatch.setattr(following, "load", lambda *_: follow_by(Reckless))
     x = np.array([[0, 0, 1], [0, -1, 0], [0, 0, -1], [-0.6, 0.8, 0], [0, 1, 0], [0, 0, -1],
                   [-0.6, -0.8, 0]], float)  # fmt: skip
     said = run("stream", given=json.dumps({"x": x.ravel().tolist()}) + "\n")

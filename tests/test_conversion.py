@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from follower import Plain, Reckless
+from follower import Plain, Reckless, follow_by
 from handmade import amc, asf, bvh, deepmimic, write
 from worlds import coman
 
 from s3le import audit, clipframes, conversion
 from s3le.errors import CertificateError, ClipError, ModelError, ParameterError
-from s3le.following import Follower, load
+from s3le.following import load
 from s3le.motion import skeletons
 from s3le.skeleton import features
 from s3le.trajectory import files
@@ -31,7 +31,7 @@ def waving(frames=45, broken=()):
 
 
 def follower(cls=Plain):
-    return Follower(cls(coman()))
+    return follow_by(cls)
 
 
 def holds(made, margins=None):
@@ -150,7 +150,7 @@ def test_a_lead_in_begins_at_the_anchor_and_is_marked(wave):
     motion = made.trajectory
     assert (motion.q[0] == coman().robot.anchor).all() and motion.time[0] == 0.0
     assert motion.mode[0] == "start" and holds(made)
-    lead = motion.mode == "lead-in"
+    lead = motion.mode == "lead_in"
     assert motion.time[lead].max() == pytest.approx(1.0, abs=0.04)
     assert not lead[motion.time > 1.05].any() and lead[1:90].all()
     offset = motion.about["clip_time_offset_s"]

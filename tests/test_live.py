@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from follower import Plain, Reckless
+from follower import Plain, Reckless, follow_by
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import MARGIN, coman
 
 from s3le import audit, live
 from s3le.errors import CertificateError, ParameterError
-from s3le.following import Follower
 from s3le.kernels import batch
 from s3le.skeleton import POINTS
 
@@ -21,7 +20,7 @@ TILT = math.radians(60.0)
 
 
 def begun(cls=Plain, rate=30.0):
-    return live.Live(Follower(cls(coman())), rate, TILT)
+    return live.Live(follow_by(cls), rate, TILT)
 
 
 def anchor_x():
