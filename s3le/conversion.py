@@ -19,9 +19,9 @@ from s3le.kernels import batch
 from s3le.machine import Machine
 from s3le.skeleton import BONES, cosine_distance
 from s3le.trajectory import trajectory
-from s3le.trajectory.trajectory import Trajectory
+from s3le.trajectory.trajectory import BETWEEN, Trajectory
 
-START, LEAD_IN, BETWEEN = "start", "lead_in", "between"  # beside the retargeter's own modes
+START, LEAD_IN = "start", "lead_in"  # beside the retargeter's own modes
 LONGEST_LEAD_IN = 600.0  # [s]
 
 Progress = Callable[[int], object] | None

@@ -187,6 +187,21 @@ def test_columns_without_names_are_named_on_the_command_line_or_in_a_file(tmp_pa
         assert said.exit_code == shell.OK, said.output
 
 
+def test_rows_between_frames_are_held_to_what_the_path_keeps_unless_told_otherwise(tmp_path):
+    made = coman()
+    found = batch.project(made.chain, made.robot.anchor, relaxed(made, 60, 8), 0.0012).q
+    clearance = made.certifier().check(found).clearance
+    q = np.repeat(found[(clearance > 0.0011) & (clearance < 0.0019)][:1], 3, 0)
+    mode = np.array(["between", "between", "between"])
+    one = trajectory.make("m", made.robot.joint_names, np.arange(3) / 30, q, mode=mode)
+    files.write(one, tmp_path / "a.parquet")
+    said = run("audit", tmp_path / "a.parquet", *ROBOT)
+    assert said.exit_code == shell.OK and "3 rows lie between two frames" in said.output
+    assert run("audit", tmp_path / "a.parquet", *ROBOT, "--margin", 0.002).exit_code == shell.BROKEN
+    files.write(trajectory.make("m", made.robot.joint_names, one.time, q), tmp_path / "b.parquet")
+    assert run("audit", tmp_path / "b.parquet", *ROBOT).exit_code == shell.BROKEN
+
+
 def test_in_a_process_of_its_own(good, bad, tmp_path):
     said = alone("audit", good, bad, *ROBOT, "--velocity", "inf")
     assert said.returncode == shell.BROKEN and "NOT CERTIFIED" in said.stdout

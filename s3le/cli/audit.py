@@ -27,7 +27,10 @@ def audit(
     ] = None,
     margin: Annotated[
         float | None,
-        typer.Option(help="Clearance that every pose keeps [m].", show_default="the robot's"),
+        typer.Option(
+            help="Clearance that every pose keeps [m].",
+            show_default="the robot's; margin-between for rows of mode 'between'",
+        ),
     ] = None,
     margin_between: Annotated[
         float | None,
@@ -89,7 +92,9 @@ def audit(
         told, status = [], shell.OK
         for path in files:
             try:
-                report, notes = _one(path, machine, wanted, fps, named, degrees)
+                report, notes = _one(
+                    path, machine, wanted, fps, named, degrees, every=margin is not None
+                )
             except S3leError as refusal:
                 shell.complain(refusal)
                 told.append({"file": str(path), "unreadable": str(refusal)})
@@ -123,14 +128,30 @@ def _one(
     fps: float | None,
     joints: list[str] | None,
     degrees: bool,
+    every: bool,
 ) -> "tuple[Report, list[str]]":
+    """Audit one file; every: the margin of poses is asked of rows between two frames too."""
+    import numpy as np
+
     from s3le import audit as library
     from s3le.trajectory import files
     from s3le.trajectory.fit import fit
+    from s3le.trajectory.trajectory import BETWEEN
 
     trajectory, notes = fit(files.read(path, fps, joints), machine.robot, degrees)
+    at_rows = None
+    if trajectory.mode is not None and not every:
+        between = trajectory.mode == BETWEEN
+        at_rows = np.where(between, wanted.margin_between, wanted.margin)
+        if between.any():
+            notes.append(
+                f"{between.sum()} rows lie between two frames by their mode and are held to "
+                f"{wanted.margin_between * 1e3:g} mm, as the path is; --margin asks it of every row"
+            )
     with shell.bar(2 * len(trajectory.time) - 1, path.name) as progress:
-        report = library.audit(machine, trajectory.time, trajectory.q, wanted, progress=progress)
+        report = library.audit(
+            machine, trajectory.time, trajectory.q, wanted, at_rows, progress=progress
+        )
     return report, notes
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from s3le.errors import TrajectoryError
 
 TIME, CLEARANCE, MODE = "time", "clearance", "mode"
+BETWEEN = "between"  # mode of a row on the path between two poses
 RESERVED = (TIME, CLEARANCE, MODE)  # columns that are no joints
 UNIFORM = 1e-6  # two steps are alike if they differ by no more than this share
 LONGEST_NAME = 256  # [characters] of a joint or a mode; what is longer is damage
