@@ -39,3 +39,7 @@ class ModelError(S3leError):
 
 class EngineError(S3leError):
     """A table cannot be made in shards: another writer, lost workers, a foreign machine."""
+
+
+class TrajectoryError(S3leError):
+    """A robot's trajectory cannot be read or used: file, row or line, value, and what is wanted."""

@@ -1,0 +1,204 @@
+"""`s3le audit`: does a trajectory hold, whoever made it?"""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from s3le.cli import shell
+from s3le.errors import S3leError
+
+if TYPE_CHECKING:
+    from s3le.audit import Check, Demands, Report
+    from s3le.machine import Machine
+
+
+def audit(
+    files: Annotated[
+        list[Path], typer.Argument(help=".parquet, .csv, .npz or .npy", show_default=False)
+    ],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Folder that the robot stage wrote, robot file, or name in data/robots.",
+            show_default="data/robot, else coman",
+        ),
+    ] = None,
+    margin: Annotated[
+        float | None,
+        typer.Option(
+            help="Clearance that every pose keeps [m].",
+            show_default="the robot's; margin-between for rows of mode 'between'",
+        ),
+    ] = None,
+    margin_between: Annotated[
+        float | None,
+        typer.Option(
+            help="Clearance that the path between poses keeps [m].", show_default="margin / 4"
+        ),
+    ] = None,
+    velocity: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Limit of all joints [rad/s], or JOINT=LIMIT, several times; inf: none.",
+            show_default="the URDF's",
+        ),
+    ] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option(help="Rows per second [Hz].", show_default="the file's times or rate"),
+    ] = None,
+    joints: Annotated[
+        str | None,
+        typer.Option(
+            help="Names of the columns, for files that have none: NAME,NAME,... or a file."
+        ),
+    ] = None,
+    degrees: Annotated[bool, typer.Option("--degrees", help="Angles are in degrees.")] = False,
+    budget: Annotated[
+        int | None,
+        typer.Option(help="Poses that the proof of one path may look at.", show_default="200"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Check trajectories: limits, velocities, clearance of every pose, a proof for every path.
+
+    Each file gets a certificate, or the first counterexample: when, which bodies, how deep. What
+    cannot be decided counts as broken. Pairs of bodies that are not watched are listed.
+
+    \b
+    s3le audit walk.parquet
+    s3le audit dance.csv --robot coman --fps 30
+    s3le audit gmr.npz --margin 0.005 --velocity 9.4
+    s3le audit out/*.parquet --json > audit.json
+
+    Exit status: 0 if everything holds, 1 if something does not or could not be decided, 2 if a
+    file could not be read.
+    """  # noqa: D301
+    from s3le import audit as library
+    from s3le.segments import BUDGET
+
+    with shell.guarded():
+        machine = shell.robot(robot, margin)
+        wanted = library.demands(
+            machine,
+            margin,
+            margin_between,
+            shell.velocities(velocity),
+            BUDGET if budget is None else budget,
+        )
+        named = shell.names(joints)
+        told, status = [], shell.OK
+        for path in files:
+            try:
+                report, notes = _one(
+                    path, machine, wanted, fps, named, degrees, every=margin is not None
+                )
+            except S3leError as refusal:
+                shell.complain(refusal)
+                told.append({"file": str(path), "unreadable": str(refusal)})
+                status = shell.UNREADABLE
+                continue
+            if not report.holds:
+                status = max(status, shell.BROKEN)
+            told.append({"file": str(path), "notes": notes, **library.tree(report)})
+            if not as_json:
+                typer.echo("\n".join([*_lines(path, machine, wanted, report, notes), ""]))
+        if as_json:
+            certificate = {
+                "robot": machine.robot.name,
+                "robot_hash": machine.robot.digest,
+                "margin_m": wanted.margin,
+                "margin_between_m": wanted.margin_between,
+                "not_covered": library.not_covered(machine),
+                "holds": status == shell.OK,
+                "files": told,
+            }
+            typer.echo(json.dumps(certificate, indent=2, allow_nan=False))
+        else:
+            typer.echo("\n".join(_closing(machine, told)))
+    raise typer.Exit(status)
+
+
+def _one(
+    path: Path,
+    machine: "Machine",
+    wanted: "Demands",
+    fps: float | None,
+    joints: list[str] | None,
+    degrees: bool,
+    every: bool,
+) -> "tuple[Report, list[str]]":
+    """Audit one file; every: the margin of poses is asked of rows between two frames too."""
+    import numpy as np
+
+    from s3le import audit as library
+    from s3le.trajectory import files
+    from s3le.trajectory.fit import fit
+    from s3le.trajectory.trajectory import BETWEEN
+
+    trajectory, notes = fit(files.read(path, fps, joints), machine.robot, degrees)
+    at_rows = None
+    if trajectory.mode is not None and not every:
+        between = trajectory.mode == BETWEEN
+        at_rows = np.where(between, wanted.margin_between, wanted.margin)
+        if between.any():
+            notes.append(
+                f"{between.sum()} rows lie between two frames by their mode and are held to "
+                f"{wanted.margin_between * 1e3:g} mm, as the path is; --margin asks it of every row"
+            )
+    with shell.bar(2 * len(trajectory.time) - 1, path.name) as progress:
+        report = library.audit(
+            machine, trajectory.time, trajectory.q, wanted, at_rows, progress=progress
+        )
+    return report, notes
+
+
+def _lines(
+    path: Path, machine: "Machine", wanted: "Demands", report: "Report", notes: list[str]
+) -> list[str]:
+    from s3le.audit import say
+
+    robot = machine.robot
+    lines = [
+        f"{path}: {report.rows} poses, {report.seconds:.3f} s, robot {robot.name} {robot.digest}",
+        *(f"  note: {note}" for note in notes),
+    ]
+    asked = {
+        "limits": "joint ranges",
+        "velocities": "joint speeds",
+        "poses": f"poses at least {wanted.margin * 1e3:g} mm clear",
+        "paths": f"paths at least {wanted.margin_between * 1e3:g} mm clear, proven",
+    }
+    for check in report.checks:
+        good = check.total - check.broken
+        lines.append(f"  {asked[check.name] + ':':<42} {good} of {check.total} hold" + _open(check))
+        if check.broken:
+            lines += [f"      {say(check.name, one)}" for one in check.worst]
+        elif check.worst and check.name != "paths":
+            lines.append(f"      nearest: {say(check.name, check.worst[0])}")
+    if report.holds:
+        lines.append("  CERTIFIED")
+    else:
+        lines.append(f"  NOT CERTIFIED; first: {report.complaint}")
+    return lines
+
+
+def _open(check: "Check") -> str:
+    return f", {check.undecided} not decided" if check.undecided else ""
+
+
+def _closing(machine: "Machine", told: list[dict[str, Any]]) -> list[str]:
+    """What no file's report repeats: the pairs that nothing is said about, and the count."""
+    lines = []
+    by_reason: dict[str, list[str]] = {}
+    for a, b, _, reason in machine.unwatched():
+        by_reason.setdefault(reason, []).append(f"{a} and {b}")
+    for reason, pairs in by_reason.items():
+        lines.append(f"not covered, {len(pairs)} pairs ({reason}):")
+        lines += [f"  {pair}" for pair in pairs]
+    good = sum(one.get("holds", False) for one in told)
+    unread = sum("unreadable" in one for one in told)
+    tail = f", {unread} unreadable" if unread else ""
+    return [*lines, f"{good} of {len(told)} files hold{tail}"]

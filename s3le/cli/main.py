@@ -1,0 +1,25 @@
+"""The command `s3le` and its subcommands; heavy imports happen inside them."""
+
+import typer
+
+from s3le.cli import audit, retarget, stream
+from s3le.cli.shell import guarded
+
+app = typer.Typer(
+    name="s3le",
+    help="Human motion in, humanoid motion out, every pose and every path between certified.",
+    epilog="Each command explains itself: s3le audit --help",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+app.command("retarget", short_help="Motion files in, certified motions out.")(retarget.retarget)
+app.command("audit", short_help="Check any trajectory, pose by pose and between.")(audit.audit)
+app.command("stream", short_help="A live human in, a certified robot out.")(stream.stream)
+
+
+def run() -> None:
+    """Entry point: a refusal is one line on stderr and exit status 2, not a traceback."""
+    with guarded():
+        app()

@@ -1,0 +1,154 @@
+"""`s3le retarget`: clips in, one certified motion each out."""
+
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from s3le.cli import shell
+from s3le.errors import ModelError, ParameterError, S3leError
+
+if TYPE_CHECKING:
+    from s3le.following import Follower
+
+MODEL = Path("data/retargeter")  # what the stage `export` writes
+STARTS = 20  # of the optimisation to compare with
+
+
+def retarget(
+    clips: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz), or folders.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.", show_default=False)],
+    robot: Annotated[
+        str | None, typer.Option(help="Name of the robot that the model must be for.")
+    ] = None,
+    model: Annotated[Path, typer.Option(help="Folder of the exported retargeter.")] = MODEL,
+    method: Annotated[
+        str | None, typer.Option(help="Retrieval method.", show_default="the model's")
+    ] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Also write CSV.")] = False,
+    npz: Annotated[bool, typer.Option("--npz", help="Also write NPZ.")] = False,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Rows per second, 30 to 1000 [Hz].", show_default="the clip's frames"),
+    ] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option(help="Frames per second of the clips [Hz].", show_default="the files' own"),
+    ] = None,
+    lead_in: Annotated[
+        float,
+        typer.Option(help="Move from the robot's anchor to the first frame in this time [s]."),
+    ] = 0.0,
+    look_ahead: Annotated[
+        bool,
+        typer.Option("--look-ahead", help="Give the model whole clips, not frame by frame."),
+    ] = False,
+    optimum: Annotated[
+        bool,
+        typer.Option("--optimum", help="Compare every frame with a constrained optimum; slow."),
+    ] = False,
+    tilt_max: Annotated[
+        float, typer.Option(help="Drop frames whose torso leans farther [deg].")
+    ] = 60.0,
+) -> None:
+    """Retarget motion files: one Parquet and one JSON summary per clip, all of it certified.
+
+    Columns: time [s], one per joint as named in the URDF [rad], clearance [m], mode. Every pose
+    is checked by coal and every path between two poses is proven before anything is written; a
+    clip that fails is named, and the others are still written.
+
+    \b
+    s3le retarget walk.bvh --out out
+    s3le retarget 14_05.amc 14_07.amc.gz --robot coman --out out --csv --npz
+    s3le retarget clips/ --out out --rate 500 --lead-in 2
+    s3le audit out/*.parquet
+
+    Exit status: 0 if every clip was written, 1 if one failed, 2 if nothing could begin.
+    """  # noqa: D301
+    from s3le import following
+
+    with shell.guarded():
+        paths = _clips(clips)
+        follower = following.load(model, method)
+        own = follower.machine.robot.name
+        if robot is not None and robot != own:
+            raise ModelError(f"{model} is for robot '{own}', not '{robot}'")
+        suffixes = [".parquet", *[".csv"] * csv, *[".npz"] * npz]
+        how = {
+            "rate": rate,
+            "lead_in": lead_in,
+            "look_ahead": look_ahead,
+            "optimum": STARTS if optimum else 0,
+            "about": {"model": str(model), "method": method},
+        }
+        failed = 0
+        for path in paths:
+            try:
+                summary = _one(path, follower, out, suffixes, fps, tilt_max, how)
+            except (S3leError, OSError) as refusal:
+                shell.complain(refusal)
+                failed += 1
+                continue
+            typer.echo(_line(path, summary))
+        if failed:
+            typer.echo(f"{failed} of {len(paths)} clips failed", err=True)
+            raise typer.Exit(shell.BROKEN)
+
+
+def _clips(given: list[Path]) -> list[Path]:
+    """The files that are meant; each must have a name of its own, for its results take it."""
+    from s3le.mocap.clip import clip_name
+    from s3le.mocap.read import SUFFIXES, suffix_of
+
+    paths = []
+    for path in given:
+        inside = sorted(p for p in path.glob("*") if suffix_of(p) in SUFFIXES)
+        if path.is_dir() and not inside:
+            raise ParameterError(f"{path}: no motion files in it ({', '.join(SUFFIXES)})")
+        paths += inside if path.is_dir() else [path]
+    counts = Counter(clip_name(path) for path in paths)
+    for name, count in counts.items():
+        if count > 1:
+            raise ParameterError(f"{count} clips are called '{name}'; write them to two folders")
+    return paths
+
+
+def _one(
+    path: Path,
+    follower: "Follower",
+    out: Path,
+    suffixes: list[str],
+    fps: float | None,
+    tilt_max: float,
+    how: dict[str, Any],
+) -> dict[str, Any]:
+    """Retarget one clip and write what came of it."""
+    from s3le import clipframes, conversion, store
+    from s3le.trajectory import files
+
+    frames = clipframes.read(path, follower.machine.neck, tilt_max, fps)
+    with shell.bar(len(frames.x), frames.name, "frames") as progress:
+        made = conversion.convert(follower, frames, **how, progress=progress)
+    for suffix in suffixes:
+        files.write(made.trajectory, out / f"{frames.name}{suffix}")
+    store.write_json(made.summary, out / f"{frames.name}.json")
+    return made.summary
+
+
+def _line(path: Path, summary: dict[str, Any]) -> str:
+    rows, to_human = summary["rows"], summary["to_human"]
+    dropped = sum(summary["frames"]["dropped"].values())
+    return (
+        f"{path.name}: {rows['written']} poses, {rows['seconds']:.2f} s, certified; to the human "
+        f"{to_human['mean']:.4f} (p95 {to_human['p95']:.4f}), clearance at least "
+        f"{summary['clearance_m']['least'] * 1e3:.2f} mm, "
+        f"{summary['milliseconds_per_frame']['p50']:.2f} ms a frame"
+        + (f", {dropped} frames dropped" if dropped else "")
+    )

@@ -1,0 +1,192 @@
+"""The audit: what holds passes, and each way of breaking it is found, named and measured."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from worlds import MARGIN, coman, inside_limits, relaxed, write_arms
+
+from s3le import machine, segments
+from s3le.audit import audit, certificate, demands, not_covered, tree
+from s3le.errors import ParameterError
+from s3le.kernels import batch
+from s3le.segments import CERTIFIED, UNDECIDED
+
+RATE = 30.0
+R_SHOULDER, R_ELBOW = 2, 3  # joints of the two-armed robot
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory):
+    return machine.make(write_arms(tmp_path_factory.mktemp("arms")), MARGIN, "midpoint")
+
+
+def swaying(made, rows=40):
+    """A motion that holds: one arm sways about the anchor."""
+    q = np.repeat(made.robot.anchor[None], rows, 0)
+    q[:, R_SHOULDER] += 0.2 * np.sin(np.arange(rows) / 8)
+    return np.arange(rows) / RATE, q
+
+
+def by_name(report):
+    return {check.name: check for check in report.checks}
+
+
+def test_a_calm_motion_holds_and_says_by_how_much(arms):
+    time, q = swaying(arms)
+    report = audit(arms, time, q, demands(arms))
+    assert report.holds and report.first is None and report.complaint == ""
+    assert [check.broken for check in report.checks] == [0, 0, 0, 0]
+    assert [check.total for check in report.checks] == [40, 39, 40, 39]
+    assert report.least == arms.certifier().check(q).clearance.min() >= MARGIN
+    assert MARGIN / 4 <= report.bound <= report.least
+    assert report.fastest == pytest.approx(0.2 / 8 * RATE, rel=0.02)
+    said = certificate(arms, demands(arms), report)
+    assert said["holds"] and said["paths"]["proven"] == 39 and said["robot_hash"]
+
+
+def test_a_limit_that_is_passed_is_found_and_named(arms):
+    time, q = swaying(arms)
+    q[7, R_SHOULDER] = arms.robot.lower[R_SHOULDER] - 1e-9
+    report = audit(arms, time, q, demands(arms, velocity=1e3))
+    check = by_name(report)["limits"]
+    assert not report.holds and check.broken == 1
+    assert check.first.row == 7 and check.first.what == "r_shoulder"
+    assert check.first.value == pytest.approx(-1e-9, rel=1e-6)
+    q[7, R_SHOULDER] = arms.robot.lower[R_SHOULDER]  # the end of the range belongs to it
+    assert by_name(audit(arms, time, q, demands(arms)))["limits"].broken == 0
+
+
+def test_a_joint_that_is_too_fast_is_found_and_the_limit_can_be_set(arms):
+    time, q = swaying(arms)
+    q[20:, R_ELBOW] += 0.2  # 6 rad/s; the URDF has 4
+    report = audit(arms, time, q, demands(arms))
+    check = by_name(report)["velocities"]
+    assert check.broken == 1 and check.first.row == 19 and check.first.what == "r_elbow"
+    assert check.first.value == pytest.approx(6.0) and check.first.wanted == 4.0
+    assert audit(arms, time, q, demands(arms, velocity=6.0)).holds
+    assert audit(arms, time, q, demands(arms, velocity={"r_elbow": 6.0})).holds
+    assert audit(arms, time, q, demands(arms, velocity=np.inf)).holds
+    assert not audit(arms, time, q, demands(arms, velocity={"r_elbow": 5.99})).holds
+
+
+def test_an_arm_that_jumps_through_the_trunk_between_two_clear_poses_is_found(arms):
+    q = np.repeat(arms.robot.anchor[None], 3, 0)
+    q[1:, R_SHOULDER] = 3.0
+    time = np.array([0.0, 2.0, 4.0])
+    report = audit(arms, time, q, demands(arms))
+    checks = by_name(report)
+    assert checks["poses"].broken == checks["velocities"].broken == 0
+    assert checks["paths"].broken == 1 and report.between == 1 and not report.holds
+    first = report.first
+    assert first.what == "body_0 and r_upper_0" or first.what == "body_0 and r_lower_0"
+    assert 0.0 < first.time < 2.0 and first.value < MARGIN / 4
+    t = first.time / 2.0  # coal agrees with what is said of the pose there
+    there = (1 - t) * q[0] + t * q[1]
+    assert arms.certifier().check(there[None]).clearance[0] == pytest.approx(first.value, abs=1e-9)
+    assert np.isnan(report.bound) and tree(report)["proven_bound_m"] is None
+
+
+def test_what_is_not_decided_is_not_a_yes():
+    made = coman()
+    q = batch.project(made.chain, made.robot.anchor, relaxed(made, 40, 5), MARGIN).q
+    small = segments.certify(made, q, MARGIN / 4, 0).status
+    whole = segments.certify(made, q, MARGIN / 4).status
+    row = int(np.flatnonzero((small == UNDECIDED) & (whole == CERTIFIED))[0])
+    time, q = np.array([0.0, 1.0]), q[row : row + 2]
+    assert audit(made, time, q, demands(made, velocity=np.inf)).holds
+    report = audit(made, time, q, demands(made, velocity=np.inf, budget=0))
+    check = by_name(report)["paths"]
+    assert check.undecided == check.broken == 1 and not report.holds
+    assert "not decided" in report.complaint
+    assert tree(report)["checks"]["paths"]["first"]["value"] is None
+
+
+def test_deep_poses_are_measured_as_coal_does():
+    made = coman()
+    q = inside_limits(made, 60, 3)
+    report = audit(made, np.arange(60.0), q, demands(made, velocity=np.inf))
+    seen = made.certifier().check(q)
+    check = by_name(report)["poses"]
+    assert check.broken == (seen.clearance < MARGIN).sum() > 0
+    assert report.deep == (seen.clearance < 0).sum()
+    worst = check.worst[0]
+    assert worst.value == seen.clearance.min() and worst.row == seen.clearance.argmin()
+    assert worst.what == made.pair_name(seen.pair[worst.row])
+    assert "overlap by" in report.complaint or "apart" in report.complaint
+
+
+def test_worst_places_are_of_different_times(arms):
+    time, q = swaying(arms, 60)
+    q[10:14, 1] = [2.51, 2.6, 2.7, 2.52]
+    q[40, 1] = 2.55
+    check = by_name(audit(arms, time, q, demands(arms, velocity=np.inf)))["limits"]
+    assert check.broken == 5 and [one.row for one in check.worst] == [12, 40]
+    assert check.first.row == 10
+
+
+def test_margins_can_be_asked_row_by_row(arms):
+    time, q = swaying(arms, 3)
+    clearance = arms.certifier().check(q).clearance
+    wanted = demands(arms, margin=float(clearance.min()) + 0.001, margin_between=0.001)
+    assert not audit(arms, time, q, wanted).holds
+    assert audit(arms, time, q, wanted, at_rows=np.full(3, 0.001)).holds
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_short_motions_are_motions(arms, rows):
+    time, q = swaying(arms, rows)
+    report = audit(arms, time, q, demands(arms))
+    assert report.holds and report.rows == rows
+    assert tree(report)["checks"]["paths"]["total"] == rows - 1
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"margin": 0.0}, "margin must be above 0"),
+        ({"margin": np.nan}, "margin must be above 0"),
+        ({"margin_between": 0.003}, "at most margin"),
+        ({"margin_between": 0.0}, "margin_between must be above 0"),
+        ({"velocity": -1.0}, "above 0 rad/s"),
+        ({"velocity": np.nan}, "above 0 rad/s"),
+        ({"velocity": {"elbow": 1.0}}, "names 'elbow'; joints: l_shoulder"),
+    ],
+)
+def test_demands_out_of_range_are_refused(arms, more, words):
+    with pytest.raises(ParameterError, match=words):
+        demands(arms, **more)
+
+
+def test_a_urdf_without_speeds_asks_for_none(tmp_path):
+    from worlds import ARMS_URDF
+
+    urdf = ARMS_URDF.replace('velocity="4"', 'velocity="0"')
+    made = machine.make(write_arms(tmp_path, urdf=urdf), MARGIN, "midpoint")
+    assert np.isinf(demands(made).velocity).all()
+
+
+def test_pairs_that_nothing_is_said_about_are_listed_with_the_reason():
+    listed = not_covered(coman())
+    assert {"a": "LShy_0", "b": "LElb_0", "kind": "within a limb",
+            "reason": "overlap at the anchor when grown"} in listed  # fmt: skip
+    assert len(listed) == 20
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    bad=st.sampled_from([np.nan, np.inf, -np.inf, 1e300, 50.0]),
+    at=st.integers(0, 5),
+    joint=st.integers(0, 3),
+)
+def test_one_bad_number_anywhere_is_never_certified(arms, seed, bad, at, joint):
+    q = batch.project(arms.chain, arms.robot.anchor, relaxed(arms, 1, seed), MARGIN).q
+    q = np.repeat(q, 6, 0)
+    time = np.arange(6.0)
+    assert audit(arms, time, q, demands(arms)).holds
+    q[at, joint] = bad
+    with np.errstate(invalid="ignore", over="ignore"):
+        report = audit(arms, time, q, demands(arms, velocity=np.inf))
+    assert not report.holds
+    tree(report)

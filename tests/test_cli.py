@@ -1,0 +1,385 @@
+"""The command line as a person meets it: what it says, what it writes, and its exit status."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from follower import Plain, Reckless, follow_by
+from handmade import bvh, write
+from typer.testing import CliRunner
+from worlds import coman, relaxed
+
+from s3le import following
+from s3le.cli import shell
+from s3le.cli.main import app
+from s3le.errors import ParameterError, RobotError
+from s3le.kernels import batch
+from s3le.trajectory import files, trajectory
+
+ROOT = Path(__file__).parents[1]
+ROBOT = ["--robot", str(ROOT / "data" / "robots" / "coman.yaml")]
+
+
+def run(*words, given=None):
+    return CliRunner().invoke(app, [str(word) for word in words], input=given)
+
+
+def alone(*words, given=None):
+    """The same in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "s3le.cli", *map(str, words)],
+        input=given, capture_output=True, text=True, timeout=300,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+
+
+def motion(rows=20, **more):
+    robot = coman().robot
+    q = np.repeat(robot.anchor[None], rows, 0)
+    q[:, 3] += 0.3 * np.sin(np.arange(rows) / 10)
+    return trajectory.make("m", robot.joint_names, np.arange(rows) / 30, q, **more)
+
+
+@pytest.fixture
+def good(tmp_path):
+    files.write(motion(), tmp_path / "good.parquet")
+    return tmp_path / "good.parquet"
+
+
+@pytest.fixture
+def bad(tmp_path):
+    """Feasible poses, and paths between them that go through a body."""
+    made = coman()
+    q = batch.project(made.chain, made.robot.anchor, relaxed(made, 20, 5), made.margin).q
+    made = trajectory.make("m", made.robot.joint_names, 5.0 * np.arange(20), q)
+    files.write(made, tmp_path / "bad.csv")
+    return tmp_path / "bad.csv"
+
+
+@pytest.fixture
+def retargeter(monkeypatch):
+    """A retargeter in every folder."""
+    made = follow_by(Plain)
+    monkeypatch.setattr(following, "load", lambda folder, method=None: made)
+    return made
+
+
+def waving(frames=12):
+    angles = np.linspace(0, 40, frames)
+    return bvh([[0, 0, 0, 0, 0, 0, -a, 0, 0, 0, 0, 0] for a in angles], order="ZXY", step=".033")
+
+
+# --- help
+
+
+@pytest.mark.parametrize("command", [None, "audit", "retarget", "stream"])
+def test_help_teaches_by_example(command):
+    said = run(*([command] if command else []), "--help")
+    assert said.exit_code == 0
+    assert "s3le audit" in said.output if command is None else f"s3le {command} " in said.output
+    if command:
+        assert "Exit status: 0" in said.output
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys, s3le.cli.main; print(*sys.modules)"
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    heavy = {"numpy", "numba", "torch", "pinocchio", "coal", "polars", "pyarrow", "tqdm"}
+    assert not heavy & set(said.stdout.split())
+
+
+def test_the_entry_point_is_the_one_that_is_installed():
+    assert 's3le = "s3le.cli.main:run"' in (ROOT / "pyproject.toml").read_text()
+
+
+# --- audit
+
+
+def test_a_good_file_is_certified(good):
+    said = run("audit", good, *ROBOT)
+    assert said.exit_code == shell.OK
+    assert "  CERTIFIED" in said.output and "1 of 1 files hold" in said.output
+    assert "not covered, 20 pairs" in said.output and "LShy_0 and LElb_0" in said.output
+
+
+def test_a_counterexample_is_named_with_time_pair_and_depth(bad):
+    said = run("audit", bad, *ROBOT, "--velocity", "inf")
+    assert said.exit_code == shell.BROKEN and "NOT CERTIFIED; first: " in said.output
+    first = said.output.split("first: ")[1].splitlines()[0]
+    assert "s (row " in first and " and " in first and " mm" in first
+
+
+def test_all_files_are_audited_and_the_worst_decides(good, bad, tmp_path):
+    (tmp_path / "no.csv").write_text("time,LElbj\n0,x\n")
+    said = run("audit", tmp_path / "no.csv", tmp_path / "none.npz", bad, good, *ROBOT)
+    assert said.exit_code == shell.UNREADABLE
+    assert "'x' is no number" in said.output and "none.npz: No such file" in said.output
+    assert "  NOT CERTIFIED" in said.output and "  CERTIFIED" in said.output
+    assert "1 of 4 files hold, 2 unreadable" in said.output
+
+
+def test_json_says_it_all(good, bad, tmp_path):
+    said = run("audit", good, bad, tmp_path / "none.csv", *ROBOT, "--json")
+    told = json.loads(said.stdout)
+    assert said.exit_code == shell.UNREADABLE and told["holds"] is False
+    assert len(told["not_covered"]) == 20 and told["margin_m"] == 0.002
+    first, second, third = told["files"]
+    assert first["holds"] and first["checks"]["paths"]["total"] == 19
+    assert not second["holds"] and second["first"]["what"]
+    assert "No such file" in third["unreadable"]
+
+
+@pytest.mark.parametrize(
+    ("options", "status"),
+    [
+        ([], 0),
+        (["--margin", "0.02"], 1),
+        (["--margin", "0.012", "--margin-between", "0.01"], 0),
+        (["--velocity", "0.5"], 1),
+        (["--velocity", "LShSag=0.5"], 1),
+        (["--velocity", "RShSag=0.5"], 0),
+        (["--fps", "3000"], 1),
+        (["--velocity", "x"], 2),
+        (["--velocity", "1", "--velocity", "2"], 2),
+        (["--margin", "-1"], 2),
+        (["--margin-between", "0.1"], 2),
+        (["--robot", "nobody"], 2),
+        (["--fps", "nan"], 2),
+        (["--budget", "-1"], 2),
+        (["--nonsense"], 2),
+    ],
+)
+def test_options_change_what_is_asked(good, options, status):
+    robot = [] if "--robot" in options else ROBOT
+    said = run("audit", good, *robot, *options)
+    assert said.exit_code == status, said.output
+    assert "Traceback" not in said.output
+
+
+def test_a_file_of_another_tool_in_degrees(tmp_path):
+    one = motion()
+    np.savez(
+        tmp_path / "gmr.npz",
+        dof_pos=np.hstack([np.zeros((20, 7)), np.rad2deg(one.q)]),
+        joint_names=list(one.joints),
+        fps=30,
+    )
+    said = run("audit", tmp_path / "gmr.npz", *ROBOT)
+    assert said.exit_code == shell.BROKEN and "are these degrees? --degrees" in said.output
+    assert run("audit", tmp_path / "gmr.npz", *ROBOT, "--degrees").exit_code == shell.OK
+
+
+def test_columns_without_names_are_named_on_the_command_line_or_in_a_file(tmp_path):
+    one = motion()
+    np.savetxt(tmp_path / "a.csv", one.q, delimiter=",", fmt="%.17g")
+    (tmp_path / "names.txt").write_text("\n".join(one.joints))
+    for names in (",".join(one.joints), tmp_path / "names.txt"):
+        said = run("audit", tmp_path / "a.csv", *ROBOT, "--fps", 30, "--joints", names)
+        assert said.exit_code == shell.OK, said.output
+
+
+def test_rows_between_frames_are_held_to_what_the_path_keeps_unless_told_otherwise(tmp_path):
+    made = coman()
+    found = batch.project(made.chain, made.robot.anchor, relaxed(made, 60, 8), 0.0012).q
+    clearance = made.certifier().check(found).clearance
+    q = np.repeat(found[(clearance > 0.0011) & (clearance < 0.0019)][:1], 3, 0)
+    mode = np.array(["between", "between", "between"])
+    one = trajectory.make("m", made.robot.joint_names, np.arange(3) / 30, q, mode=mode)
+    files.write(one, tmp_path / "a.parquet")
+    said = run("audit", tmp_path / "a.parquet", *ROBOT)
+    assert said.exit_code == shell.OK and "3 rows lie between two frames" in said.output
+    assert run("audit", tmp_path / "a.parquet", *ROBOT, "--margin", 0.002).exit_code == shell.BROKEN
+    files.write(trajectory.make("m", made.robot.joint_names, one.time, q), tmp_path / "b.parquet")
+    assert run("audit", tmp_path / "b.parquet", *ROBOT).exit_code == shell.BROKEN
+
+
+def test_in_a_process_of_its_own(good, bad, tmp_path):
+    said = alone("audit", good, bad, *ROBOT, "--velocity", "inf")
+    assert said.returncode == shell.BROKEN and "NOT CERTIFIED" in said.stdout
+    (tmp_path / "a.pkl").write_bytes(b"\x80\x04.")
+    said = alone("audit", tmp_path / "a.pkl", *ROBOT)
+    assert said.returncode == shell.UNREADABLE
+    assert said.stderr.startswith("TrajectoryError: ") and said.stderr.count("\n") == 1
+    assert "Traceback" not in said.stderr
+
+
+# --- which robot
+
+
+def test_a_robot_is_a_folder_a_file_or_a_name(tmp_path, monkeypatch):
+    from s3le import machine
+
+    machine.write(coman(), tmp_path / "export" / "robot")
+    for given in (tmp_path / "export", tmp_path / "export" / "robot", ROBOT[1], "coman"):
+        assert shell.robot(str(given)).robot.digest == coman().robot.digest
+    monkeypatch.chdir(tmp_path)
+    assert shell.robot(None).robot.name == "coman"
+    with pytest.raises(RobotError, match="no robot 'nobody'.* coman"):
+        shell.robot("nobody")
+
+
+def test_velocity_words():
+    assert shell.velocities(None) is None and shell.velocities(["3"]) == 3.0
+    assert shell.velocities(["a=1", "b=2e0"]) == {"a": 1.0, "b": 2.0}
+    with pytest.raises(ParameterError, match="RAD_S or JOINT=RAD_S"):
+        shell.velocities(["a="])
+
+
+# --- retarget
+
+
+def test_each_clip_becomes_a_certified_file_and_a_summary(tmp_path, retargeter):
+    for name in ("one", "two"):
+        write(tmp_path / "clips" / f"{name}.bvh", waving())
+    out = tmp_path / "out"
+    said = run("retarget", tmp_path / "clips", "--robot", "coman", "--out", out, "--csv", "--npz")
+    assert said.exit_code == shell.OK, said.output
+    assert "one.bvh: 12 poses" in said.output and "certified" in said.output
+    wanted = {
+        f"{n}.{s}" for n in ("one", "two") for s in ("parquet", "csv", "csv.json", "npz", "json")
+    }
+    assert {p.name for p in out.iterdir()} == wanted
+    summary = json.loads((out / "one.json").read_text())
+    assert summary["certificate"]["holds"] and summary["to_human"]["mean"] < 0.1
+    paths = [out / f"{n}.{s}" for n in ("one", "two") for s in ("parquet", "csv", "npz")]
+    audited = run("audit", *paths, *ROBOT)
+    assert audited.exit_code == shell.OK and "6 of 6 files hold" in audited.output
+    back = files.read(out / "one.parquet")
+    assert back.about["robot_hash"] == coman().robot.digest
+    assert back.about["certificate"]["paths"]["proven"] == 11
+
+
+def test_a_clip_that_fails_is_named_and_the_others_are_written(tmp_path, retargeter):
+    write(tmp_path / "good.bvh", waving())
+    write(tmp_path / "bad.bvh", "HIERARCHY\nnonsense")
+    out = tmp_path / "out"
+    said = run(
+        "retarget", tmp_path / "bad.bvh", tmp_path / "none.bvh", tmp_path / "good.bvh", "--out", out
+    )
+    assert said.exit_code == shell.BROKEN
+    assert "bad.bvh" in said.output and "none.bvh" in said.output
+    assert "2 of 3 clips failed" in said.output
+    assert {p.name for p in out.iterdir()} == {"good.parquet", "good.json"}
+
+
+def test_nothing_is_written_of_a_motion_that_does_not_hold(tmp_path, monkeypatch):
+    reckless = follow_by(Reckless)
+    monkeypatch.setattr(following, "load", lambda folder, method=None: reckless)
+    rows = [[0, 0, 0, 0, 0, 0, -80 * (i % 2), 0, 0, 0, 0, 0] for i in range(6)]
+    write(tmp_path / "a.bvh", bvh(rows, order="ZXY", step=".033"))
+    said = run("retarget", tmp_path / "a.bvh", "--out", tmp_path / "out")
+    assert said.exit_code == shell.BROKEN and "refused" in said.output
+    assert not list((tmp_path / "out").glob("*"))
+
+
+def test_rate_and_lead_in_reach_the_file(tmp_path, retargeter):
+    write(tmp_path / "a.bvh", waving())
+    out = tmp_path / "out"
+    said = run(
+        "retarget", tmp_path / "a.bvh", "--out", out, "--rate", 200, "--lead-in", 0.5, "--npz"
+    )
+    assert said.exit_code == shell.OK, said.output
+    back = files.read(out / "a.npz")
+    assert back.rate == pytest.approx(200.0) or json.loads((out / "a.json").read_text())["rows"]
+    assert back.mode[0] == "start" and "lead_in" in back.mode and "between" in back.mode
+
+
+@pytest.mark.parametrize(
+    ("options", "words", "status"),
+    [
+        (["--robot", "nao"], "is for robot 'coman', not 'nao'", 2),
+        (["--rate", "5"], "rate must be in [30, 1000] Hz", 1),
+        (["--lead-in", "-1"], "lead-in must be in", 1),
+        (["--fps", "-3"], "fps must be in", 1),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(tmp_path, retargeter, options, words, status):
+    write(tmp_path / "a.bvh", waving())
+    said = run("retarget", tmp_path / "a.bvh", "--out", tmp_path / "out", *options)
+    assert said.exit_code == status and words in said.output
+
+
+def test_two_clips_of_one_name_are_refused_before_anything_is_written(tmp_path, retargeter):
+    for folder in "ab":
+        write(tmp_path / folder / "walk.bvh", waving())
+    said = run("retarget", tmp_path / "a", tmp_path / "b", "--out", tmp_path / "out")
+    assert said.exit_code == shell.UNREADABLE and "2 clips are called 'walk'" in said.output
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "empty").mkdir()
+    said = run("retarget", tmp_path / "empty", "--out", tmp_path / "out")
+    assert said.exit_code == shell.UNREADABLE and "no motion files in it" in said.output
+
+
+def test_without_a_model_it_says_what_is_missing(tmp_path):
+    write(tmp_path / "a.bvh", waving())
+    said = run("retarget", tmp_path / "a.bvh", "--out", tmp_path, "--model", tmp_path / "none")
+    assert said.exit_code == shell.UNREADABLE and "ModelError" in said.output
+
+
+# --- stream
+
+
+def frame():
+    x = batch.skeletons(coman().chain, coman().robot.anchor[None])[0]
+    return json.dumps({"x": x.tolist(), "dt": 0.05})
+
+
+def test_a_stream_on_standard_input(retargeter):
+    said = run("stream", given=f"{frame()}\nnonsense\n{frame()}\n")
+    assert said.exit_code == shell.OK, said.output
+    lines = [json.loads(line) for line in said.stdout.splitlines()]
+    assert lines[0]["joints"] == coman().robot.joint_names
+    assert len(lines[1]["q"]) == 11 and lines[2]["line"] == 2 and "error" in lines[2]
+    assert lines[3]["t"] == pytest.approx(0.1 + 1 / 30)
+
+
+def test_a_stream_that_the_check_refuses_ends_with_a_status(monkeypatch):
+    monkeypatch.setattr(following, "load", lambda *_: follow_by(Reckless))
+    x = np.array([[0, 0, 1], [0, -1, 0], [0, 0, -1], [-0.6, 0.8, 0], [0, 1, 0], [0, 0, -1],
+                  [-0.6, -0.8, 0]], float)  # fmt: skip
+    said = run("stream", given=json.dumps({"x": x.ravel().tolist()}) + "\n")
+    assert said.exit_code == shell.UNREADABLE and "fatal" in said.stdout
+
+
+def test_a_stream_on_loopback_serves_one_client_after_another(retargeter, monkeypatch):
+    from s3le.cli import stream
+
+    port, opened = threading.Event(), {}
+    create = socket.create_server
+
+    def noted(address):
+        server = create(address)
+        opened["server"] = server
+        port.set()
+        return server
+
+    monkeypatch.setattr(socket, "create_server", noted)
+
+    def serve():
+        from s3le import live
+
+        with __import__("contextlib").suppress(OSError):
+            stream._listen(0, lambda: live.Live(retargeter, 30.0, 1.0))
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    assert port.wait(10)
+    address = opened["server"].getsockname()
+    for _ in range(2):
+        with socket.create_connection(address, 30) as client, client.makefile("rw") as both:
+            assert json.loads(both.readline())["robot"] == "coman"
+            both.write(frame() + "\n")
+            both.flush()
+            assert json.loads(both.readline())["t"] == pytest.approx(0.05)
+    opened["server"].shutdown(socket.SHUT_RDWR)
+    thread.join(10)
+    assert not thread.is_alive()
