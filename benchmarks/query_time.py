@@ -12,7 +12,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from stored import SPACES, World, timed, true_distances, where, worlds
+from stored import SEED, SPACES, World, timed, true_distances, where, worlds
 
 from pipeline.stage import bar
 from s3le import neighbours, store
@@ -31,7 +31,7 @@ def main(
         str, typer.Option(help="stored rows")
     ] = "10000,30000,100000,131000,300000,1000000",
     spaces: Annotated[str, typer.Option(help="of " + ", ".join(SPACES))] = ",".join(SPACES),
-    queries: Annotated[int, typer.Option(help="people at most")] = 3000,
+    queries: Annotated[int, typer.Option(help="people at most")] = 1500,
     clips: Annotated[Path, typer.Option(help="folder of motion files to take people from")] = None,
     data: Annotated[Path, typer.Option(help="folder of the tables")] = Path("data"),
     cache: Annotated[Path, typer.Option(help="keeps the poses from run to run (.npy)")] = None,
@@ -77,7 +77,7 @@ def measure(
                         "k": K,
                         "width": neighbours.WIDTH if search == "walk" else None,
                         "threads": 1,
-                        "seed": 0,
+                        "seed": SEED,
                     }
                     | where()
                 )

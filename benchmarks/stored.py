@@ -20,13 +20,13 @@ from pipeline.stage import bar
 from s3le import artifact, machine, motion, store
 from s3le.kernels import batch
 from s3le.mocap.read import SUFFIXES, read_clip, suffix_of
-from s3le.rng import stream
 from s3le.sampling import relaxed_limits
 from s3le.splits import test_rows
 from s3le.tables.skeletons import SKELETONS
 
 SPACES = {"s3le": "s3le latents", "skeleton": "skeletons"}
 ALPHA = 0.2  # relaxation of the poses beyond the pipeline's own [-]
+SEED = 1
 RATE = 10.0  # frames a second taken of clips [Hz]
 TILT = np.radians(60.0)
 
@@ -74,10 +74,11 @@ def _poses(it: machine.Machine, data: Path, rows: int, cache: Path | None) -> np
             return q[:rows]
     q = pl.read_parquet(data / "index-s3le.parquet", columns=["q"])["q"].to_numpy()
     # The table has its sources one after another; any first part of the rows shall be a mixture.
-    q = q[stream(0, "order of stored poses").permutation(len(q))]
+    q = q[np.random.default_rng(SEED + 1).permutation(len(q))]
     if len(q) < rows:
         low, high = relaxed_limits(it.robot.lower, it.robot.upper, ALPHA)
-        more = stream(0, "more poses").uniform(low, high, (rows - len(q), it.robot.n_dof))
+        rng = np.random.default_rng(SEED)
+        more = rng.uniform(low, high, (rows - len(q), it.robot.n_dof))
         with bar(len(more), "projecting poses", unit="rows") as progress:
             made = batch.project(it.chain, it.robot.anchor, more, it.margin, progress).q
         q = np.concatenate([q, made])

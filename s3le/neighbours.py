@@ -45,7 +45,7 @@ class Neighbours:
         metric: "l2", "l1" or "cosine" (length of the difference of unit vectors, as in
             s3le.index).
         graph: what a walk goes along; None: every query looks at all rows.
-        stored: the latents, unit vectors for cosine, (n, d); in the graph's order if there is one.
+        stored: the latents, unit vectors for cosine, (n, d).
     """
 
     def __init__(self, metric: str, graph: Graph | None, stored: np.ndarray):
@@ -85,7 +85,7 @@ class Neighbours:
         Raises:
             ParameterError: k or width is out of range, z has another width or is not finite.
         """
-        z = np.ascontiguousarray(z, np.float32)
+        z = np.asarray(z)
         if z.ndim != 2 or z.shape[1] != self.stored.shape[1]:
             raise ParameterError(f"cannot search {z.shape} among stored {self.stored.shape}")
         seeker = self.seeker(k, width)
@@ -98,22 +98,20 @@ class Neighbours:
         return found
 
     def save(self, path: Path) -> None:
-        """Write graph and latents as one file, whole or not at all; equal indices, equal bytes.
+        """Write latents and graph as one file, whole or not at all; equal indices, equal bytes.
 
-        Raises:
-            ParameterError: there is no graph, and so nothing that took time to make.
+        Args:
+            path: where; the folder is made if need be.
         """
-        if self.graph is None:
-            raise ParameterError("an exact search has nothing to save but the latents themselves")
-        graph = self.graph
-        arrays = graph.links, graph.rows, graph.stored
+        none = np.empty((len(self), 0), np.int32)
+        arrays = self.graph.links if self.graph else none, self.stored
         digest = hashlib.sha256()
         for array in arrays:
             digest.update(array)
         head = {
             "metric": self.metric,
-            "shape": graph.stored.shape,
-            "degree": graph.links.shape[1],
+            "shape": self.stored.shape,
+            "degree": arrays[0].shape[1],
             "sha256": digest.hexdigest(),
         }
 
@@ -121,7 +119,7 @@ class Neighbours:
             with part.open("wb") as file:
                 file.write(_MAGIC + json.dumps(head, sort_keys=True).encode() + b"\n")
                 for array in arrays:
-                    file.write(memoryview(array).cast("B"))
+                    file.write(array.tobytes() if not array.size else array)
 
         replace(path, fill)
 
@@ -149,14 +147,17 @@ class Seeker:
         self._seek()  # compiles, so that the first query does not
 
     def __call__(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pair (rows, distances) of one latent, (d,); a walk that meets fewer than k leaves -1.
+        """Pair (rows, distances) of one latent, (d,), nearest first.
 
         Raises:
             ParameterError: z has another length, or is not finite.
         """
         if np.shape(z) != self._z.shape:
             raise ParameterError(f"query has shape {np.shape(z)}, {self._z.shape} is wanted")
-        self._z[:] = z if self._metric != "cosine" else normalised(np.asarray(z)[None])[0]
+        with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is refused
+            self._z[:] = z
+            if self._metric == "cosine":
+                self._z[:] = normalised(self._z[None])[0]
         if not self._seek():
             raise ParameterError("query latent is not finite")
         return self.rows, self.distances
@@ -208,46 +209,44 @@ def load(path: Path) -> Neighbours:
         with path.open("rb") as file:
             if file.read(len(_MAGIC)) != _MAGIC:
                 raise ModelError(f"{path} is no index of neighbours; {_AGAIN}")
-            metric, arrays = _read(file)
+            metric, stored, links = _read(file)
     except FileNotFoundError:
         raise ModelError(f"{path} is missing; {_AGAIN}") from None
-    except (OSError, ValueError, KeyError, TypeError, ParameterError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, ParameterError) as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         raise ModelError(f"{path} cannot be read ({reason}); {_AGAIN}") from None
-    graph = graphs.assemble(**arrays)
-    return Neighbours(metric, graph, graph.stored)
+    graph = graphs.assemble(stored, links) if links.size else None
+    return Neighbours(metric, graph, stored)
 
 
-def _read(file: BinaryIO) -> tuple[str, dict[str, np.ndarray]]:
-    """Metric and arrays of a file, past its magic line, fit for a walk to follow.
+def _read(file: BinaryIO) -> tuple[str, np.ndarray, np.ndarray]:
+    """Metric, latents and links of a file, past its magic line, fit for a walk to follow.
 
     Raises:
         ValueError, KeyError, TypeError: anything is not as `save` writes it.
     """
     head = json.loads(file.readline(_HEAD))
     metric, (n, d), degree = head["metric"], head["shape"], head["degree"]
-    if metric not in METRICS or degree != graphs.DEGREE:
+    if metric not in METRICS or degree not in (0, graphs.DEGREE) or (degree and metric == "l1"):
         raise ValueError(f"metric {metric!r}, {degree!r} links a row")
-    size = 4 * n * (degree + 1 + d)
+    size = 4 * n * (degree + d)
     left = os.fstat(file.fileno()).st_size - file.tell()
     if not (1 <= n <= MOST and d >= 1 and size == left):
         raise ValueError(f"{left} bytes of numbers, {size} wanted; cut off or changed")
     links = np.empty((n, degree), np.int32)
-    rows = np.empty(n, np.int32)
     stored = np.empty((n, d), np.float32)
     digest = hashlib.sha256()
-    for array in (links, rows, stored):
-        file.readinto(memoryview(array).cast("B"))
+    for array in (links, stored):
+        if array.size:
+            file.readinto(memoryview(array).cast("B"))
         digest.update(array)
     if digest.hexdigest() != head["sha256"]:
         raise ValueError("its checksum is another; damaged or changed")
     # A checksum can be forged; what the walk takes for granted is looked at.
-    if not (-1 <= links.min() and links.max() < n):
+    if degree and not (-1 <= links.min() and links.max() < n):
         raise ValueError("a link leads nowhere")
-    if not (0 <= rows.min() and rows.max() < n and (np.bincount(rows, minlength=n) == 1).all()):
-        raise ValueError("its rows are not numbered 0 to n - 1")
     _refuse_not_finite(stored)
-    return metric, {"stored": stored, "rows": rows, "links": links}
+    return metric, stored, links
 
 
 def _refuse_not_finite(z: np.ndarray) -> None:

@@ -58,7 +58,7 @@ def worlds(draw):
         z = np.rint(z)
     z = (z * draw(st.sampled_from([1e-20, 1e-3, 1.0, 1e15]))).astype(np.float32)
     far = draw(st.sampled_from([0.0, 1.0, 1e4]))
-    queries = z[rng.integers(n, size=20)] + far * z.std() * rng.normal(size=(20, d))
+    queries = z[rng.integers(n, size=20)] + far * z.astype(float).std() * rng.normal(size=(20, d))
     return z, queries.astype(np.float32), draw(st.integers(1, min(n, 10)))
 
 
@@ -116,8 +116,6 @@ def test_exact_is_the_exact_look_up_to_the_row(metric):
 def test_l1_has_no_graph_and_says_so():
     index = neighbours.build(cloud(50, 4), "l1")
     assert index.graph is None and "l1, exact" in str(index)
-    with pytest.raises(ParameterError, match="exact search has nothing to save"):
-        index.save(Path("never"))
 
 
 def test_cosine_is_the_walk_among_unit_vectors():
@@ -142,10 +140,15 @@ def test_a_rebuild_gives_equal_bytes_on_any_number_of_threads(tmp_path):
     assert first == (tmp_path / "3").read_bytes() == (tmp_path / "again").read_bytes()
 
 
-def test_a_loaded_index_answers_as_the_built_one(built, tmp_path):
+@pytest.mark.parametrize(("metric", "exact"), [("l2", False), ("l2", True), ("l1", True),
+                                               ("cosine", False), ("cosine", True)])  # fmt: skip
+def test_a_loaded_index_answers_as_the_built_one(metric, exact, tmp_path):
+    built = neighbours.build(cloud(900, 21), metric, exact)
     built.save(tmp_path / "index")
+    again = neighbours.load(tmp_path / "index")
+    assert str(again) == str(built)
     queries = cloud(100, 21, seed=1)
-    was, now = built.query(queries, 5), neighbours.load(tmp_path / "index").query(queries, 5)
+    was, now = built.query(queries, 5), again.query(queries, 5)
     np.testing.assert_array_equal(was.rows, now.rows)
     np.testing.assert_array_equal(was.distances, now.distances)
 
@@ -173,11 +176,12 @@ def test_a_seeker_answers_in_place_and_goes_on_after_a_refusal(built):
     assert seek(z)[0][0] == 0
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+@pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("exact", [False, True], ids=["walk", "exact"])
-def test_a_query_that_is_not_finite_is_refused(bad, exact):
-    index = neighbours.build(cloud(50, 4), exact=exact)
-    queries = cloud(3, 4)
+def test_a_query_that_is_not_finite_in_float32_is_refused(bad, metric, exact):
+    index = neighbours.build(cloud(50, 4), metric, exact)
+    queries = cloud(3, 4).astype(float)
     queries[1, 2] = bad
     with pytest.raises(ParameterError, match="^query latent 1 is not finite$"):
         index.query(queries, 2)
@@ -247,9 +251,6 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     [
         ("links", 60, "a link leads nowhere"),
         ("links", -2, "a link leads nowhere"),
-        ("rows", 60, "not numbered"),
-        ("rows", -1, "not numbered"),
-        ("rows", None, "not numbered"),
         ("stored", np.nan, "not finite"),
     ],
 )
@@ -258,13 +259,15 @@ def test_numbers_that_would_lead_a_walk_astray_are_refused_whatever_the_checksum
 ):
     magic, head, body = stored.split(b"\n", 2)
     head = json.loads(head)
-    n, degree = 60, head["degree"]
     numbers = np.frombuffer(body, np.float32 if array == "stored" else np.int32).copy()
-    at = {"links": 5, "rows": n * degree + 5, "stored": n * degree + n + 5}[array]
-    numbers[at] = numbers[at + 1] if value is None else value
+    numbers[5 if array == "links" else -5] = value
     head["sha256"] = hashlib.sha256(numbers.tobytes()).hexdigest()
     forged = magic + b"\n" + json.dumps(head).encode() + b"\n" + numbers.tobytes()
     assert words in refused(tmp_path / "index", forged)
+
+
+def test_a_head_of_brackets_is_refused(stored, tmp_path):
+    assert "cannot be read" in refused(tmp_path / "index", b"s3le neighbours 1\n" + b"[" * 9000)
 
 
 @pytest.mark.parametrize("shape", [[10**12, 10**12], [-60, 3], [60, -3], [60.0, 3], "60", [60]])
@@ -281,7 +284,7 @@ def people() -> np.ndarray:
         pytest.skip("no recorded motion at hand")
     parts = [
         motion.skeletons(read_clip(path).points[::30], "midpoint", np.radians(60.0)).x
-        for path in files[::3]
+        for path in files[::5]
     ]
     return np.concatenate(parts).astype(np.float32)
 
@@ -290,7 +293,7 @@ def test_people_find_the_nearest_pose_in_skeleton_space():
     x = people()
     it = machine.make(ROOT / "data" / "robots" / "coman.yaml", 0.002, "midpoint")
     low, high = relaxed_limits(it.robot.lower, it.robot.upper, 0.2)
-    q = np.random.default_rng(0).uniform(low, high, (20_000, it.robot.n_dof))
+    q = np.random.default_rng(0).uniform(low, high, (10_000, it.robot.n_dof))
     poses = batch.skeletons(it.chain, q).astype(np.float32)
     found = neighbours.build(poses).query(x, 8)
     _, true = look_up(poses, x, "l2")

@@ -23,25 +23,25 @@ from s3le.kernels.threads import workers
 
 DEGREE = 32  # most links of a row; 18 is what the heuristic leaves on average
 BUILD_WIDTH = 100  # rows kept by the walk that finds a new row's links
+_BUILD_SEEN = 1 << 14  # a power of two, of which such a walk fills three quarters at most
 WIDEST = 4096  # rows that a walk may keep
 PIVOTS = 256  # rows that a walk may start from
 SPARE = 8  # rows beyond those asked for that are compared by their true distance
 _LANES = 16  # vectors are filled up with zeros to a multiple of this
+_FARTHEST = 46000.0  # between two codes; its square, with room for rounding, is below 2^31
 _ROOM = 1.5  # the code reaches this many ranges across: half a range beyond either end
 _GROWTH = 0.02  # rows linked at once, of those linked before; they do not see each other
 _MOST = 4096  # rows linked at once
-_LEAF = 32  # rows that need no order among themselves
 
 
 class Graph(NamedTuple):
-    """The stored vectors, neighbours in space lying near each other, and their links."""
+    """The stored vectors and their links, in the caller's order."""
 
     codes: np.ndarray  # int16 (n, lanes)
     links: np.ndarray  # int32 (n, DEGREE), -1 after the last
     pivots: np.ndarray  # int32 (p,), where walks may start
     pivot_codes: np.ndarray  # int16 (p, lanes)
     stored: np.ndarray  # float32 (n, d)
-    rows: np.ndarray  # int32 (n,), the caller's number of each row
     centre: np.ndarray  # (d,), the vector of code 0
     reach: np.ndarray  # (d,), how far from the centre a code can say
     scale: np.ndarray  # (1,), codes per unit
@@ -73,12 +73,12 @@ def walk_to(graph, scratch, z, rows, distances):
         graph: where to look.
         scratch: see `scratch`, of at least len(rows) width.
         z: the query, float32 (d,).
-        rows: int64 (k,), filled with row numbers.
+        rows: int64 (k,), filled with row numbers; no more than there are stored.
         distances: float64 (k,), filled with distances.
 
     Returns:
-        How many were found: k, or fewer where the walk met fewer; 0 if z is not finite. What
-        lies beyond in rows and distances is -1 and infinite.
+        k, or 0 if z is not finite; then rows are -1, distances infinite. Where a walk meets
+        fewer than k rows (far more than k of them are equal), all rows are looked at.
     """
     rows[:] = -1
     distances[:] = np.inf
@@ -88,13 +88,7 @@ def walk_to(graph, scratch, z, rows, distances):
         off = np.float64(z[j]) - graph.centre[j]
         off = min(max(off, -graph.reach[j]), graph.reach[j])
         scratch.code[j] = np.int16(np.rint(off * graph.scale[0]))
-    start = graph.pivots[0]
-    nearest = np.int32(2**31 - 1)
-    for p in range(len(graph.pivots)):
-        far = _far(graph.pivot_codes, p, scratch.code)
-        if far < nearest:
-            nearest = far
-            start = graph.pivots[p]
+    start = _start(graph, len(graph.pivots), scratch.code)
     met = _walk(graph.codes, graph.links, start, scratch.code, scratch.keys, scratch.seen)
     found = 0
     for at in range(min(met, len(rows) + SPARE)):
@@ -103,7 +97,9 @@ def walk_to(graph, scratch, z, rows, distances):
         for j in range(len(z)):
             diff = np.float64(graph.stored[i, j]) - np.float64(z[j])
             total += diff * diff
-        found = _place(rows, distances, found, np.int64(graph.rows[i]), total)
+        found = _place(rows, distances, found, i, total)
+    if found < len(rows):
+        return scan(graph.stored, z, False, rows, distances)
     for at in range(found):
         distances[at] = np.sqrt(distances[at])
     return found
@@ -111,11 +107,13 @@ def walk_to(graph, scratch, z, rows, distances):
 
 @compiled
 def scan(stored, z, absolute, rows, distances):
-    """The nearest stored rows by looking at all; arguments and answer as of `walk_to`.
+    """The nearest stored rows by looking at all, as `walk_to` but exact.
 
     Args:
         stored: float32 (n, d).
+        z: the query, float32 (d,).
         absolute: sum absolute differences, not squares.
+        rows, distances: see `walk_to`.
     """
     rows[:] = -1
     distances[:] = np.inf
@@ -175,6 +173,19 @@ def _key(far, i):
 @compiled
 def _row(key):
     return (key & 0xFFFFFFFF) >> 1
+
+
+@compiled
+def _start(graph, pivots, code):
+    """The nearest of the first pivots."""
+    start = graph.pivots[0]
+    nearest = np.int32(2**31 - 1)
+    for p in range(pivots):
+        far = _far(graph.pivot_codes, p, code)
+        if far < nearest:
+            nearest = far
+            start = graph.pivots[p]
+    return start
 
 
 @compiled
@@ -241,17 +252,16 @@ def build(stored: np.ndarray, progress: Progress | None = None) -> Graph:
         progress: called with numbers of rows done.
     """
     n = len(stored)
-    rows = _side_by_side(stored)
-    made = assemble(stored[rows], rows, np.full((n, DEGREE), -1, np.int32))
+    made = assemble(stored, np.full((n, DEGREE), -1, np.int32))
     order = _insertion(n, made.pivots)
     links = np.full((n, 2 * DEGREE), -1, np.int32)  # thinned out only when twice full
     done = 1
     with ThreadPoolExecutor(workers()) as pool:
         while done < n:
             batch = order[done : done + max(1, min(_MOST, int(_GROWTH * done)))]
-            start = min(done, len(made.pivots))
+            pivots = min(done, len(made.pivots))
             parts = [batch[i : i + CHUNK] for i in range(0, len(batch), CHUNK)]
-            _all(pool, _link, [(made, links, start, part) for part in parts])
+            _all(pool, _link, [(made, links, pivots, part) for part in parts])
             # Each task adds to rows of its own, in the order of the batch.
             tasks = len(parts)
             _all(pool, _link_back, [(made, links, batch, own, tasks) for own in range(tasks)])
@@ -264,14 +274,14 @@ def build(stored: np.ndarray, progress: Progress | None = None) -> Graph:
     return made
 
 
-def assemble(stored: np.ndarray, rows: np.ndarray, links: np.ndarray) -> Graph:
-    """The graph of vectors in their final order with these links; the rest follows from them."""
+def assemble(stored: np.ndarray, links: np.ndarray) -> Graph:
+    """The graph of these vectors with these links; the rest follows from them."""
     n, d = stored.shape
     low, high = stored.min(axis=0).astype(float), stored.max(axis=0).astype(float)
     centre, width = (low + high) / 2.0, high - low
-    # A query at one end of the code's room and a row at the other end of its own: below 2^31.
+    # From a query at one end of the code's room to a row at the other end of all rows.
     farthest = _ROOM * float(np.linalg.norm(width))
-    scale = 46340.0 / farthest if farthest > 0.0 else 1.0
+    scale = _FARTHEST / farthest if farthest > 0.0 else 1.0
     codes = _aligned((n, -(-d // _LANES) * _LANES), np.int16)
     codes[:] = 0
     for i in range(0, n, _MOST):
@@ -282,7 +292,7 @@ def assemble(stored: np.ndarray, rows: np.ndarray, links: np.ndarray) -> Graph:
     lined[:] = links
     return Graph(
         codes, lined, pivots, codes[pivots], np.ascontiguousarray(stored, np.float32),
-        np.asarray(rows, np.int32), centre, (_ROOM - 0.5) * width, np.array([scale]),
+        centre, (_ROOM - 0.5) * width, np.array([scale]),
     )  # fmt: skip
 
 
@@ -302,21 +312,6 @@ def _aligned(shape: tuple[int, int], dtype: type) -> np.ndarray:
     return room[first : first + size].view(dtype).reshape(shape)
 
 
-def _side_by_side(stored: np.ndarray) -> np.ndarray:
-    """An order in which near rows are near: halved along the widest axis, again and again."""
-    done, left = [], [np.arange(len(stored), dtype=np.int32)]
-    while left:
-        part = left.pop()
-        if len(part) <= _LEAF:
-            done.append(part)
-            continue
-        own = stored[part]
-        axis = np.argmax(own.max(axis=0) - own.min(axis=0))
-        part = part[np.argsort(own[:, axis], kind="stable")]
-        left += [part[len(part) // 2 :], part[: len(part) // 2]]
-    return np.concatenate(done)
-
-
 def _insertion(n: int, pivots: np.ndarray) -> np.ndarray:
     """Pivots first, then the other rows in an order without any order, the same everywhere."""
     mixed = (np.arange(n, dtype=np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
@@ -328,20 +323,13 @@ def _insertion(n: int, pivots: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _link(graph, links, start, batch):
+def _link(graph, links, pivots, batch):
     """Give each row of a batch its own links, to rows linked before."""
     keys = np.empty(BUILD_WIDTH, np.int64)
-    seen = np.empty(1 << 14, np.int32)
+    seen = np.empty(_BUILD_SEEN, np.int32)
     for i in batch:
-        code = graph.codes[i]
-        best = graph.pivots[0]
-        nearest = np.int32(2**31 - 1)
-        for p in range(start):
-            far = _far(graph.pivot_codes, p, code)
-            if far < nearest:
-                nearest = far
-                best = graph.pivots[p]
-        met = _walk(graph.codes, links, best, code, keys, seen)
+        start = _start(graph, pivots, graph.codes[i])
+        met = _walk(graph.codes, links, start, graph.codes[i], keys, seen)
         _choose(graph.codes, keys, met, links[i])
 
 
