@@ -49,7 +49,7 @@ def measure(
     """Rows of the table."""
     counts = [int(size) for size in sizes.split(",")]
     use_threads(1)
-    rows = []
+    rows, here = [], where()
     for space, world in worlds(data, clips, max(counts), spaces.split(","), queries, cache).items():
         for count in counts:
             part = World(world.stored[:count], world.queries)
@@ -79,7 +79,7 @@ def measure(
                         "threads": 1,
                         "seed": SEED,
                     }
-                    | where()
+                    | here
                 )
                 print(rows[-1], flush=True)
     return rows
@@ -90,7 +90,7 @@ def draw() -> None:
     rows = store.read_csv(TABLE, "query_time")
     worst = min(row["within_1_percent"] for row in rows if row["search"] == "walk")
     note = (
-        f"Median, band up to the 99th percentile; {K} nearest of one human frame, one thread of "
+        f"Thick: median, thin: 99th percentile; {K} nearest of one human frame, one thread of "
         f"{rows[0]['machine']},\nprocessor time, the call from Python included. "
         f"The walk finds a row within 1 % of the true distance for at least {worst:.2%} of people."
     )

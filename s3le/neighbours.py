@@ -46,12 +46,14 @@ class Neighbours:
             s3le.index).
         graph: what a walk goes along; None: every query looks at all rows.
         stored: the latents, unit vectors for cosine, (n, d).
+        columns: the same, (d, n), for looking at all rows; None where there is a graph.
     """
 
     def __init__(self, metric: str, graph: Graph | None, stored: np.ndarray):
         """Take what `build` or `load` made."""
         self.metric, self.graph, self.stored = metric, graph, stored
-        for array in (stored, *(graph or ())):
+        self.columns = None if graph else np.ascontiguousarray(stored.T)
+        for array in (stored, *(graph or (self.columns,))):
             array.setflags(write=False)
 
     def __len__(self) -> int:
@@ -142,7 +144,7 @@ class Seeker:
         self.rows = np.full(k, -1, np.int64)
         self.distances = np.full(k, np.inf)
         self.scratch = graphs.scratch(index.graph, width) if index.graph else None
-        self._graph, self._stored, self._metric = index.graph, index.stored, index.metric
+        self._graph, self._columns, self._metric = index.graph, index.columns, index.metric
         self._z = np.full(index.stored.shape[1], np.nan, np.float32)
         self._seek()  # compiles, so that the first query does not
 
@@ -165,7 +167,7 @@ class Seeker:
     def _seek(self) -> int:
         if self._graph is not None:
             return walk_to(self._graph, self.scratch, self._z, self.rows, self.distances)
-        return scan(self._stored, self._z, self._metric == "l1", self.rows, self.distances)
+        return scan(self._columns, self._z, self._metric == "l1", self.rows, self.distances)
 
 
 def build(

@@ -32,6 +32,7 @@ _FARTHEST = 46000.0  # between two codes; its square, with room for rounding, is
 _ROOM = 1.5  # the code reaches this many ranges across: half a range beyond either end
 _GROWTH = 0.02  # rows linked at once, of those linked before; they do not see each other
 _MOST = 4096  # rows linked at once
+_TILE = 512  # rows that an exact search sums at once
 
 
 class Graph(NamedTuple):
@@ -92,25 +93,24 @@ def walk_to(graph, scratch, z, rows, distances):
     met = _walk(graph.codes, graph.links, start, scratch.code, scratch.keys, scratch.seen)
     found = 0
     for at in range(min(met, len(rows) + SPARE)):
-        i = (scratch.keys[at] & 0xFFFFFFFF) >> 1
-        total = 0.0
-        for j in range(len(z)):
-            diff = np.float64(graph.stored[i, j]) - np.float64(z[j])
-            total += diff * diff
-        found = _place(rows, distances, found, i, total)
+        i = _row(scratch.keys[at])
+        found = _place(rows, distances, found, i, _square(graph.stored, i, z))
     if found < len(rows):
-        return scan(graph.stored, z, False, rows, distances)
+        found = 0
+        for i in range(len(graph.stored)):
+            found = _place(rows, distances, found, i, _square(graph.stored, i, z))
     for at in range(found):
         distances[at] = np.sqrt(distances[at])
     return found
 
 
 @compiled
-def scan(stored, z, absolute, rows, distances):
+def scan(columns, z, absolute, rows, distances):
     """The nearest stored rows by looking at all, as `walk_to` but exact.
 
     Args:
-        stored: float32 (n, d).
+        columns: what is stored, one coordinate a line, float32 (d, n): a processor then works on
+            several rows at once, and sums each as look_up does.
         z: the query, float32 (d,).
         absolute: sum absolute differences, not squares.
         rows, distances: see `walk_to`.
@@ -121,20 +121,36 @@ def scan(stored, z, absolute, rows, distances):
         if not np.isfinite(z[j]):
             return 0
     found = 0
-    for i in range(len(stored)):
-        worst = distances[len(rows) - 1]
-        total = 0.0
+    total = np.empty(_TILE)
+    for first in range(0, columns.shape[1], _TILE):
+        count = min(_TILE, columns.shape[1] - first)
+        total[:] = 0.0
         for j in range(len(z)):
-            diff = np.float64(stored[i, j]) - np.float64(z[j])
-            total += abs(diff) if absolute else diff * diff
-            if total >= worst:
-                break
-        if total < worst:
-            found = _place(rows, distances, found, i, total)
+            column = columns[j, first : first + count]
+            at = np.float64(z[j])
+            if absolute:
+                for i in range(count):
+                    total[i] += abs(np.float64(column[i]) - at)
+            else:
+                for i in range(count):
+                    total[i] += (np.float64(column[i]) - at) ** 2
+        for i in range(count):
+            if total[i] < distances[len(rows) - 1]:
+                found = _place(rows, distances, found, first + i, total[i])
     if not absolute:
         for at in range(found):
             distances[at] = np.sqrt(distances[at])
     return found
+
+
+@compiled
+def _square(stored, i, z):
+    """Squared distance of a stored row."""
+    total = 0.0
+    for j in range(len(z)):
+        diff = np.float64(stored[i, j]) - np.float64(z[j])
+        total += diff * diff
+    return total
 
 
 @compiled

@@ -11,13 +11,13 @@ from s3le.report import style
 
 SEARCHES = {"exact": ("looking at all", "-"), "walk": ("walk over a graph", "--")}
 SPACES = {"s3le": ("S3LE's latents", "s3le"), "skeleton": ("skeletons", "lwl2")}
-_GAP = 0.075  # between two labels, share of the axes' height
+_GAP = 0.125  # between two labels, share of the axes' height
 
 
 def draw(path: Path, rows: list[dict[str, Any]], note: str) -> None:
     """Draw processor time of one query against stored rows, both scales logarithmic.
 
-    A line is the median, its band reaches up to the 99th percentile.
+    A thick line is the median, the thin one above it the 99th percentile.
 
     Args:
         path: the PNG to write.
@@ -36,7 +36,7 @@ def draw(path: Path, rows: list[dict[str, Any]], note: str) -> None:
         if not lines:
             style.note(figure, "nothing to draw: no rows")
         else:
-            axes = figure.add_axes((0.09, 0.235, 0.605, 0.625))
+            axes = figure.add_axes((0.105, 0.215, 0.66, 0.665))
             _panel(axes, lines)
         style.save(figure, path)
 
@@ -58,7 +58,7 @@ def _panel(axes: Axes, lines: dict[tuple[str, str], np.ndarray]) -> None:
     axes.set_yscale("log")
     for (space, search), (n, median, worst) in lines.items():
         colour = style.colour(SPACES[space][1])
-        axes.fill_between(n, median, worst, color=colour, alpha=0.13, linewidth=0)
+        axes.plot(n, worst, SEARCHES[search][1], color=colour, linewidth=0.8, alpha=0.55)
         axes.plot(n, median, SEARCHES[search][1], color=colour, linewidth=1.6, marker="o",
                   markersize=3.5)  # fmt: skip
     axes.set_xlabel("stored poses")
@@ -77,18 +77,17 @@ def _label_ends(axes: Axes, lines: dict[tuple[str, str], np.ndarray]) -> None:
     to_axes = axes.transData + axes.transAxes.inverted()
     high = {key: to_axes.transform((line[0, -1], line[1, -1]))[1] for key, line in lines.items()}
     order = sorted(high, key=lambda key: high[key])
-    place = np.array([high[key] for key in order])
-    middle = place.mean()
-    for i in range(1, len(place)):
-        place[i] = max(place[i], place[i - 1] + _GAP)
-    if len(place) == 1 or place.max() > 1.0:
-        place += min(0.0, 1.0 - place.max(), middle - place.mean())
+    place = [high[key] for key in order]
+    for _ in order:
+        for i in range(1, len(place)):
+            short = max(0.0, _GAP - (place[i] - place[i - 1])) / 2.0
+            place[i - 1] -= short
+            place[i] += short
     for (space, search), y in zip(order, place, strict=True):
         words, colour = SPACES[space]
-        line = lines[space, search]
         axes.annotate(
-            f"{words}, {SEARCHES[search][0]}: {time_of(line[1, -1])}",
-            xy=(1.0, high[space, search]), xytext=(1.035, y), xycoords="axes fraction",
+            f"{words}, {time_of(lines[space, search][1, -1])}\n{SEARCHES[search][0]}",
+            xy=(1.0, high[space, search]), xytext=(1.03, y), xycoords="axes fraction",
             va="center", size=8, color=style.colour(colour), annotation_clip=False,
         )  # fmt: skip
 
