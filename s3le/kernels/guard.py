@@ -18,7 +18,7 @@ from s3le.kernels.refine import AGREEMENT, NOTHING, apart, cost_of, inside, refi
 from s3le.kernels.segment import CERTIFIED, prove
 from s3le.kernels.solver import clearance_of, minimise_within
 
-WANTED, LIMITED, DETOUR, SHORTENED, HELD = 0, 1, 2, 3, 4  # how a step came about
+WANTED, EASED, LIMITED, DETOUR, SHORTENED, HELD = range(6)  # how a step came about
 
 _ROOM = 1e-9  # share of a speed that is not used, so that no rounding exceeds it
 _PARTS = 6  # times that a refused step is made shorter
@@ -97,7 +97,8 @@ def advance(chain, swept, s, x, want, q0, v0, dt, speed, brake, rule, q, out):
         out: receives [proven clearance of the path [m], poses looked at in proofs].
 
     Returns:
-        WANTED, LIMITED (as near as the joints get), DETOUR, SHORTENED or HELD.
+        WANTED, EASED (as near as the brake lets it), LIMITED (as near as the joints get in the
+        time), DETOUR, SHORTENED or HELD.
     """
     n = len(q0)
     lowest = np.empty(n)
@@ -109,8 +110,10 @@ def advance(chain, swept, s, x, want, q0, v0, dt, speed, brake, rule, q, out):
     how = WANTED
     fits = inside(want, lowest, highest)
     if not fits:
-        how = LIMITED
+        how = EASED
         for i in range(n):
+            if abs(want[i] - q0[i]) > speed[i] * (1.0 - _ROOM) * dt:
+                how = LIMITED
             q[i] = min(max(want[i], lowest[i]), highest[i])
         minimise_within(
             chain, swept.balls, lowest, highest, True, x, want, rule.pull, rule.target,
