@@ -39,3 +39,7 @@ class ModelError(S3leError):
 
 class EngineError(S3leError):
     """A table cannot be made in shards: another writer, lost workers, a foreign machine."""
+
+
+class BundleError(S3leError):
+    """An exported retargeter cannot be used: a piece is missing, damaged, or of another one."""

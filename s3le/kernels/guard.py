@@ -5,8 +5,8 @@ joints may turn in dt, the box of what they may do is searched for the pose near
 (limiting the step joint by joint, or scaling it, gives a worse skeleton; docs/tried.md). Then the
 straight path to it is proven. If that fails: what can be reached from q0 downhill, staying clear;
 the part of the path that is proven; and at last q0 itself, a path of no length. So there is always
-an answer, and every answer is proven. Where that leaves the robot behind an obstacle, it goes around
-by a pose from which the whole of both ways is proven.
+an answer, and every answer is proven. Where that leaves the robot behind an obstacle, it goes
+around by a pose to which and from which the whole way is proven.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,17 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.kernels.compiled import compiled
-from s3le.kernels.refine import AGREEMENT, NOTHING, apart, cost_of, inside, refine, settle
+from s3le.kernels.refine import (
+    AGREEMENT,
+    BAND,
+    FINE,
+    NOTHING,
+    apart,
+    cost_of,
+    inside,
+    refine,
+    settle,
+)
 from s3le.kernels.segment import CERTIFIED, prove
 from s3le.kernels.solver import clearance_of, minimise_within
 
@@ -23,6 +33,7 @@ WANTED, EASED, LIMITED, DETOUR, SHORTENED, HELD = range(6)  # how a step came ab
 _ROOM = 1e-9  # share of a speed that is not used, so that no rounding exceeds it
 _PARTS = 6  # times that a refused step is made shorter
 _STUCK = 0.2  # sum of cosine distances lost to an obstacle from which a way around is looked for
+_FARTHER = 2.5  # times as far as straight on that a way around may be
 _TRIES = 4  # poses to go around by that are tried in a frame
 _THERE = 0.02  # [rad], a pose to go around by counts as reached
 
@@ -116,8 +127,8 @@ def advance(chain, swept, s, x, want, q0, v0, dt, speed, brake, rule, q, out):
                 how = LIMITED
             q[i] = min(max(want[i], lowest[i]), highest[i])
         minimise_within(
-            chain, swept.balls, lowest, highest, True, x, want, rule.pull, rule.target,
-            True, rule.steps, q, solved,
+            chain, swept.balls, lowest, highest, True, x, want, rule.pull, rule.target, True,
+            BAND, FINE, rule.steps, q, solved,
         )  # fmt: skip
     refused = q.copy()
     if settle(chain, swept.balls, lowest, highest, rule.margin, q):
@@ -138,7 +149,7 @@ def advance(chain, swept, s, x, want, q0, v0, dt, speed, brake, rule, q, out):
     trial[:] = q0
     minimise_within(
         chain, swept.balls, lowest, highest, True, x, want, rule.pull, rule.target, True,
-        rule.steps, trial, solved,
+        BAND, FINE, rule.steps, trial, solved,
     )  # fmt: skip
     if settle(chain, swept.balls, lowest, highest, rule.margin, trial):
         found = prove(chain, swept, s, q0, trial, rule.between, rule.budget)
@@ -186,7 +197,8 @@ def straight(chain, swept, s, q0, v0, goal, dt, speed, brake, rule, q, out):
     lowest = np.empty(n)
     highest = np.empty(n)
     for attempt in range(2):
-        reachable(chain, q0, v0, goal, dt, speed, brake if attempt == 0 else np.inf, lowest, highest)
+        most = brake if attempt == 0 else np.inf
+        reachable(chain, q0, v0, goal, dt, speed, most, lowest, highest)
         share = 1.0
         for i in range(n):
             far = goal[i] - q0[i]
@@ -232,7 +244,8 @@ def pursue(chain, swept, s, m, x, starts, anchor, dt, speed, brake, rule, out):
     if how < DETOUR or cost_of(chain, m.next, x) - cost_of(chain, m.want, x) < _STUCK:
         return how
     # An obstacle stands between. If all of the straight path is free, only the way there was bad.
-    least = np.inf
+    farthest = _FARTHER * apart(m.q, m.want)
+    least = farthest
     trial = np.empty(n)
     kinds = len(starts) + 3
     if prove(chain, swept, s, m.q, m.want, rule.between, rule.budget)[0] == CERTIFIED:
@@ -267,7 +280,7 @@ def pursue(chain, swept, s, m, x, starts, anchor, dt, speed, brake, rule, out):
         ):
             least = far
             m.way[:] = trial
-    if least < np.inf:
+    if least < farthest:
         for i in range(n):
             trial[i] = m.next[i]
         if straight(chain, swept, s, m.q, m.v, m.way, dt, speed, brake, rule, m.next, out):

@@ -31,15 +31,16 @@ _BAND = 0.10  # [m], pairs farther than this over the margin do not enter a quad
 def minimise(chain, balls, follow, x_ref, q_ref, ridge, margin, collide, steps, q, out):
     """Improve q in place, anywhere within the joint limits; see minimise_within."""
     minimise_within(
-        chain, balls, chain.lower, chain.upper, follow, x_ref, q_ref, ridge, margin, collide, steps,
-        q, out,
+        chain, balls, chain.lower, chain.upper, follow, x_ref, q_ref, ridge, margin, collide, _BAND,
+        0.0, steps, q, out,
     )  # fmt: skip
 
 
 @compiled
 def minimise_within(
-    chain, balls, lowest, highest, follow, x_ref, q_ref, ridge, margin, collide, steps, q, out
-):
+    chain, balls, lowest, highest, follow, x_ref, q_ref, ridge, margin, collide, band, fine, steps,
+    q, out,
+):  # fmt: skip
     """Improve q in place.
 
     Args:
@@ -49,6 +50,8 @@ def minimise_within(
         ridge: weight of |q - q_ref|^2 when following, > 0.
         margin: clearance wanted [m].
         collide: keep clear of collisions and within the box; False frees the pose of both.
+        band: pairs farther than this over the margin do not enter a quadratic program [m].
+        fine: a step smaller than this in every joint is the last one [rad].
         steps: most iterations.
         q: start; receives the result, (n,).
         out: receives [objective, violation [m], iterations].
@@ -84,7 +87,7 @@ def minimise_within(
     m = 0
     if collide:
         place_capsules(chain, R, p, ends)
-        m = near_pairs(chain, ends, balls, p, z, margin + _BAND, d, G)
+        m = near_pairs(chain, ends, balls, p, z, margin + band, d, G)
     if follow:
         bones(chain, R, p, z, x, J)
     cost = _objective(follow, x, x_ref, q, q_ref, ridge)
@@ -156,7 +159,7 @@ def minimise_within(
         m_new = 0
         if collide:
             place_capsules(chain, R, p, ends)
-            m_new = near_pairs(chain, ends, balls, p, z, margin + _BAND, d_new, G_new)
+            m_new = near_pairs(chain, ends, balls, p, z, margin + band, d_new, G_new)
         if follow:
             bones(chain, R, p, z, x, none)
         cost_new = _objective(follow, x, x_ref, trial, q_ref, ridge)
@@ -171,7 +174,7 @@ def minimise_within(
                 bones(chain, R, p, z, x, J)
             if got > 0.7 * hoped:
                 radius = min(2.0 * radius, 1.0)
-            if got < 1e-12 * (1.0 + cost) and short <= 0.0:
+            if short <= 0.0 and (size < fine or got < 1e-12 * (1.0 + cost)):
                 break
         else:
             if follow:

@@ -28,6 +28,7 @@ class Encoder:
             for w, b in layers
         ]
         w, b = self._layers[-1]
+        self.width = take
         self._layers[-1] = np.ascontiguousarray(w[:take]), np.ascontiguousarray(b[:take])
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
@@ -88,5 +89,6 @@ def read(path: Path, robot: str | None = None) -> tuple[Encoder, "_Scaled", dict
 
 
 def _layers(weights: dict[str, np.ndarray], net: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    numbers = sorted(int(n.split(".")[1]) for n in weights if n.startswith(f"{net}.") and n.endswith(".weight"))
+    own = [name.split(".") for name in weights if name.startswith(f"{net}.")]
+    numbers = sorted(int(number) for _, number, kind in own if kind == "weight")
     return [(weights[f"{net}.{i}.weight"], weights[f"{net}.{i}.bias"]) for i in numbers]

@@ -18,8 +18,8 @@ RANGES = {  # field -> (least, most), both allowed
     "pull": (0.0, 1e6),
     "toll": (0.0, 2.0),
     "speed_factor": (1e-3, 1.0),
-    "brake": (1e-3, np.inf),
-    "cutoff": (1e-3, np.inf),
+    "brake": (0.0, 1e6),
+    "cutoff": (0.0, 1e4),
     "quickness": (0.0, 1e3),
     "budget": (0, 100_000),
 }
@@ -40,8 +40,8 @@ class Settings:
     pull: float  # weight of the pull towards the pose wanted where it is out of reach [-]
     toll: float  # what a pose farther off must gain, in mean cosine distance [1/rad]
     speed_factor: float  # share of the robot's joint speeds that is used
-    brake: float  # most change of a joint's speed, where safety leaves the choice [rad/s^2]
-    cutoff: float  # of the filter of a human who stands still [Hz]; inf: no filter
+    brake: float  # most change of speed, where safety leaves the choice [rad/s^2]; 0: any
+    cutoff: float  # of the filter of a human who stands still [Hz]; 0: no filter
     quickness: float  # what the cutoff gains with the human's speed [Hz per 1/s]
     delay: bool  # answer one frame late, so that a frame unlike its neighbours goes unseen
     check: bool  # a stream checks every pose independently; a batch always does

@@ -146,7 +146,7 @@ class Stream:
         if self._x is None:
             self._kept[:] = x
         else:
-            calm(x, dt, settings.cutoff, settings.quickness, self._kept, self._rate)
+            calm(x, dt, self._its.cutoff, settings.quickness, self._kept, self._rate)
         self._x = self._kept
 
     def _go(self, found: int, how: int, dt: float, dropped: bool) -> Step:
@@ -207,7 +207,8 @@ class Retargeter:
         """
         self.machine, self.settings = machine, settings
         self.rule, self.speed = settings.rule(machine), settings.speed(machine)
-        self.brake = float(settings.brake)
+        self.brake = float(settings.brake) or np.inf
+        self.cutoff = float(settings.cutoff) or np.inf
         self.swept = swept(machine.chain)
         self._proposer, self._own = proposer, threading.local()
 
