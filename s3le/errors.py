@@ -59,3 +59,7 @@ class EngineError(S3leError):
 
 class TrajectoryError(S3leError):
     """A robot's trajectory cannot be read or used: file, row or line, value, and what is wanted."""
+
+
+class BundleError(S3leError):
+    """An exported retargeter cannot be used: a piece is missing, damaged, or of another one."""
