@@ -79,8 +79,10 @@ def reachable(chain, q0, v0, want, dt, speed, brake, lowest, highest):
         low, high = -most, most
         if brake < np.inf:
             far = want[i] - q0[i]
-            # v dt + v^2 / (2 brake) = |far|: from then on the joint slows down and ends at want.
+            # v dt + v^2 / (2 brake) = |far|: from then on the joint slows down and ends at want;
+            # from brake dt^2 away it can be there at once, and stop with the step after.
             slow = brake * (np.sqrt(dt * dt + 2.0 * abs(far) / brake) - dt)
+            slow = max(slow, min(abs(far) / dt, brake * dt))
             low = max(low, min(0.0, -slow if far < 0.0 else 0.0))
             high = min(high, max(0.0, slow if far > 0.0 else 0.0))
             low = min(max(low, v0[i] - brake * dt), most)

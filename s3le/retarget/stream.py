@@ -263,7 +263,7 @@ class Retargeter:
         first = int(np.argmax(usable))
         if q is not None and lead_in > 0.0:
             dt = float(np.median(np.diff(times))) if len(times) > 1 else 1.0 / 30.0
-            count = int(np.ceil(lead_in / dt))
+            count = int(np.ceil(lead_in / dt - 1e-6))
             times = np.concatenate([times[0] - dt * np.arange(count, 0, -1), times])
             x = np.concatenate([np.repeat(x[first : first + 1], count, axis=0), x])
             first = 0
