@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from pipeline.stage import knob, launch, read
+from pipeline.stage import bar, knob, launch, read
 from s3le import machine, store
 from s3le.retarget import bundle
 from s3le.retarget.settings import RANGES, Settings
@@ -54,7 +54,8 @@ def main() -> None:
         latent = int(store.read_note(path, "latent", f"index@{name}"))
         rows = store.read(index(it.robot.n_dof, it.margin, latent), path, it.tag)
     model = None if method == "skeleton" else DATA / f"model-{method}.safetensors"
-    bundle.save(OUT, it, method, metric, Settings(**chosen), rows, model)
+    with bar(len(rows["row"]) if rows else 0, "neighbours") as progress:
+        bundle.save(OUT, it, method, metric, Settings(**chosen), rows, model, progress)
 
 
 if __name__ == "__main__":

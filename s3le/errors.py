@@ -1,6 +1,5 @@
 """Every refusal of the library: one line each that says what, where, how much and what next."""
 
-
 LONGEST = 4000  # characters of a refusal
 
 

@@ -9,8 +9,9 @@ import torch
 from test_retarget import DEFAULT, DT, held_to_its_word, motion, stored
 from worlds import coman
 
-from s3le import artifact, models
+from s3le import artifact, comparison, models
 from s3le.errors import BundleError, ParameterError
+from s3le.index import look_up
 from s3le.retarget import bundle, encoder
 
 
@@ -30,6 +31,7 @@ def an_index(z):
     report = coman().certifier().check(q)
     return {
         "row": np.arange(n, dtype=np.int32), "z": np.asarray(z, np.float32), "q": q,
+        "x": stored()[1],
         "clearance": report.clearance, "limit_margin": report.limit_margin,
     }  # fmt: skip
 
@@ -103,7 +105,8 @@ def edit(**changed):
         (edit(method="magic"), "unknown method 'magic'"),
         (edit(settings={}), "is incomplete"),
         (edit(files=3), "is incomplete"),
-        (edit(latent=5), "'z' is"),
+        (edit(metric="decoded"), "neighbours holds"),
+        (cut("neighbours"), "neighbours is not what retargeter.json says"),
     ],
 )
 def test_damaged_and_foreign_pieces_are_refused_in_one_line(folder, tmp_path, damage, words):
@@ -130,3 +133,16 @@ def test_one_row_without_torch_is_what_torch_says(method, tmp_path):
         z = artifact.encode_x(net, x[None])[0]
         assert np.abs(encode(x) - z).max() < 1e-5
         assert np.abs(decode(z) - artifact.decode_q(net, z[None])[0]).max() < 1e-5
+
+
+@pytest.mark.parametrize("metric", ["l1", "cosine", "decoded", "mahalanobis"])
+def test_every_metric_finds_what_the_comparison_finds(tmp_path, metric):
+    path, net = a_model(tmp_path)
+    index = an_index(artifact.encode_q(net, stored()[0]))
+    bundle.save(tmp_path / "it", coman(), "s3le", metric, DEFAULT, index, path)
+    it = bundle.load(tmp_path / "it")
+    x = motion()[:30]
+    given = comparison.comparable(index, artifact.encode_x(net, x), metric, net)
+    rows, _ = look_up(*given)
+    found = np.array([it.propose(row)[0] for row in x])
+    assert (found == index["q"][rows]).all(axis=1).mean() > 0.95  # float32 ties, a walk's misses

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from reference import OneByOne
 from worlds import MARGIN, coman, inside_limits, relaxed
 
+from s3le import neighbours
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.kernels.calm import calm, middle
 from s3le.kernels.refine import refine
 from s3le.retarget.mode import Mode
-from s3le.retarget.retrieval import Exact, LookUp
+from s3le.retarget.retrieval import LookUp
 from s3le.retarget.settings import Settings
 from s3le.retarget.stream import Retargeter
 from s3le.robot.judge import Judge
@@ -44,7 +45,7 @@ def stored(n=3000):
 def retargeter(**changed):
     q, x = stored()
     chosen = replace(DEFAULT, **changed)
-    return Retargeter(coman(), LookUp(q, Exact(x), chosen.k, None), chosen)
+    return Retargeter(coman(), LookUp(q, neighbours.build(x, exact=True), chosen.k, None), chosen)
 
 
 @cache

@@ -234,15 +234,11 @@ def pursue(chain, swept, s, m, x, starts, anchor, dt, speed, brake, rule, out):
         free = prove(chain, swept, s, m.q, m.want, rule.between, rule.budget)
         if free[0] == CERTIFIED or apart(m.q, m.way) < _THERE:
             m.flag[AROUND] = 0
-        elif straight(
-            chain, swept, s, m.q, m.v, m.way, dt, speed, brake, rule, m.next, out
-        ):
+        elif straight(chain, swept, s, m.q, m.v, m.way, dt, speed, brake, rule, m.next, out):
             return DETOUR
         else:
             m.flag[AROUND] = 0
-    how = advance(
-        chain, swept, s, x, m.want, m.q, m.v, dt, speed, brake, rule, m.next, out
-    )
+    how = advance(chain, swept, s, x, m.want, m.q, m.v, dt, speed, brake, rule, m.next, out)
     if how < DETOUR or cost_of(chain, m.next, x) - cost_of(chain, m.want, x) < _STUCK:
         return how
     # An obstacle stands between. If all of the straight path is free, only the way there was bad.
@@ -313,9 +309,7 @@ def frame(chain, swept, s, m, x, starts, anchor, dt, speed, brake, rule):
         cost of the best proposal, iterations, cost of next, clearance of next [m]].
     """
     warm = m.flag[WARM] == 1
-    found = refine(
-        chain, swept.balls, x, starts, m.last, m.q, warm, rule, m.want, m.out[2:5]
-    )
+    found = refine(chain, swept.balls, x, starts, m.last, m.q, warm, rule, m.want, m.out[2:5])
     m.out[0] = np.nan
     m.out[1] = 0.0
     how = WANTED

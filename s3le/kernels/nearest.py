@@ -55,36 +55,3 @@ def _nearest(stored, queries, absolute, row, distance):
             if total < best:
                 distance[k] = total
                 row[k] = i
-
-
-def nearest_few(stored: np.ndarray, query: np.ndarray, count: int) -> np.ndarray:
-    """Rows of the stored vectors nearest to one query by l2, nearest first, ties to the lowest row.
-
-    Args:
-        stored: float32 (n, d).
-        query: (d,).
-        count: how many, at most n.
-    """
-    row = np.full(min(count, len(stored)), -1, np.int64)
-    _nearest_few(stored, np.ascontiguousarray(query, np.float32), row, np.full(len(row), np.inf))
-    return row
-
-
-@compiled
-def _nearest_few(stored, query, row, distance):
-    d, last = stored.shape[1], len(row) - 1
-    for i in range(len(stored)):
-        total = 0.0
-        for j in range(d):
-            diff = np.float64(stored[i, j]) - np.float64(query[j])
-            total += diff * diff
-            if total >= distance[last]:
-                break
-        if total < distance[last]:
-            k = last
-            while k > 0 and distance[k - 1] > total:
-                distance[k] = distance[k - 1]
-                row[k] = row[k - 1]
-                k -= 1
-            distance[k] = total
-            row[k] = i

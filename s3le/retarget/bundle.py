@@ -3,6 +3,7 @@
     retargeter.json     method, settings, the robot's tag, SHA-256 of every other file
     robot/              as s3le.machine writes it
     poses.parquet       table stored_poses; none for a decoder
+    neighbours          what finds them (s3le.neighbours); none for a decoder
     model.safetensors   weights; none where the skeleton itself is searched
 
 To load one takes neither the data it was trained on, nor DVC, torch or a GPU.
@@ -16,19 +17,21 @@ from pathlib import Path
 
 import numpy as np
 
-from s3le import machine, store
+from s3le import machine, neighbours, store
 from s3le.errors import BundleError, ParameterError, S3leError
-from s3le.index import normalised
+from s3le.index import LATENT_METRICS, METRICS, to_skeletons
+from s3le.kernels.batch import Progress
 from s3le.machine import Machine
 from s3le.retarget import encoder, retrieval
 from s3le.retarget.settings import Settings
 from s3le.retarget.stream import Retargeter
+from s3le.skeleton import DIM
 from s3le.tables.stored_poses import stored_poses
 
 FORMAT = 1
 METHODS = ("s3le", "lwl2", "ale", "skeleton")
-METRICS = ("l2", "cosine")
 ABOUT, ROBOT, POSES, MODEL = "retargeter.json", "robot", "poses.parquet", "model.safetensors"
+NEIGHBOURS = "neighbours"
 
 
 def save(
@@ -39,6 +42,7 @@ def save(
     settings: Settings,
     index: Mapping[str, np.ndarray] | None,
     model: Path | None,
+    progress: Progress | None = None,
 ) -> None:
     """Write a retargeter; what lay in the folder before is replaced.
 
@@ -46,42 +50,49 @@ def save(
         folder: where; its parent is made if need be.
         it: the robot.
         method: one of METHODS.
-        metric: distance between latents, one of METRICS.
+        metric: distance between latents, one of index.LATENT_METRICS.
         settings: how it retargets.
-        index: columns row, z, q, clearance, limit_margin of table index; None for ale.
+        index: columns row, z, x, q, clearance, limit_margin of table index; None for ale.
         model: the method's weights; None for skeleton.
+        progress: called with numbers of stored poses that have become searchable.
 
     Raises:
         BundleError: method, metric, index and model do not go together.
         ParameterError, ModelError, TableError: a part is unusable.
     """
-    if method not in METHODS or metric not in METRICS:
+    metrics = METRICS if method == "skeleton" else LATENT_METRICS
+    if method not in METHODS or metric not in metrics:
         raise BundleError(
             f"cannot export {method!r} with metric {metric!r}; there are "
-            f"{', '.join(METHODS)} and {', '.join(METRICS)}"
+            f"{', '.join(METHODS)} and {', '.join(metrics)}"
         )
     if (index is None) != (method == "ale") or (model is None) != (method == "skeleton"):
         raise BundleError(
             f"a retargeter of {method} needs other pieces: see s3le/retarget/bundle.py"
         )
     settings.rule(it), settings.speed(it)  # refuses
-    if model is not None:
-        encoder.read(model, it.tag)
+    nets = None if model is None else encoder.read(model, it.tag)
     new = Path(folder).with_name(f".{Path(folder).name}.part")
     shutil.rmtree(new, ignore_errors=True)
     machine.write(it, new / ROBOT)
     if model is not None:
         shutil.copyfile(model, new / MODEL)
-    latent = 0
+    onto = None
     if index is not None:
-        latent = index["z"].shape[1]
-        table = stored_poses(it.robot.n_dof, it.margin, latent)
+        table = stored_poses(it.robot.n_dof, it.margin)
         store.write({name: index[name] for name in table.columns}, table, new / POSES, it.tag)
+        z = index["z"]
+        if metric == "mahalanobis":
+            onto = to_skeletons(z, index["x"])
+        if after := _after(metric, nets, onto):
+            z = after.rows(z)
+        known = metric if metric in METRICS else "l2"
+        neighbours.build(z, known, progress=progress).save(new / NEIGHBOURS)
     about = {
         "format": FORMAT,
         "method": method,
         "metric": metric,
-        "latent": latent,
+        "onto": None if onto is None else onto.tolist(),
         "robot": it.tag,
         "settings": asdict(settings),
         "files": {name: _hash(new / name) for name in _files(new)},
@@ -130,27 +141,39 @@ def load(folder: Path, changed: Mapping[str, object] | None = None) -> Retargete
 
 
 def _proposer(folder: Path, it: Machine, about: dict, settings: Settings) -> retrieval.Proposer:
-    method, encode, decode = about["method"], None, None
-    if method not in METHODS or about["metric"] not in METRICS:
-        raise BundleError(f"{folder}: unknown method {method!r} or metric {about['metric']!r}")
+    method, metric, encode = about["method"], about["metric"], None
+    if method not in METHODS or metric not in LATENT_METRICS:
+        raise BundleError(f"{folder}: unknown method {method!r} or metric {metric!r}")
     if method != "skeleton":
-        encode, decode, note = encoder.read(folder / MODEL, it.tag)
-        if note.get("method") != method:
+        nets = encoder.read(folder / MODEL, it.tag)
+        if nets.note.get("method") != method:
             raise BundleError(
-                f"{folder / MODEL} is of method {note.get('method')!r}, not {method!r}"
+                f"{folder / MODEL} is of method {nets.note.get('method')!r}, not {method!r}"
             )
-    if method == "ale":
-        return retrieval.Decoder(encode, decode)
-    table = stored_poses(it.robot.n_dof, it.margin, int(about["latent"]))
-    rows = store.read(table, folder / POSES, it.tag, ("z", "q"))
-    width = encode.width if encode else 21
-    if rows["z"].shape[1] != width:
-        raise BundleError(f"{folder / POSES} has latents of {rows['z'].shape[1]}, not {width}")
-    z = normalised(rows["z"]) if about["metric"] == "cosine" else rows["z"]
-    poses = np.ascontiguousarray(rows["q"])
+        if method == "ale":
+            return retrieval.Decoder(nets.encoder, nets.decoder_q)
+        after = _after(metric, nets, about["onto"])
+        encode = nets.encoder.then(after) if after else nets.encoder
+    table = stored_poses(it.robot.n_dof, it.margin)
+    poses = np.ascontiguousarray(store.read(table, folder / POSES, it.tag, ("q",))["q"])
     poses.setflags(write=False)
-    # By l2 among latents of length 1 the order does not depend on the query's length.
-    return retrieval.LookUp(poses, retrieval.Exact(z), settings.k, encode)
+    index = neighbours.load(folder / NEIGHBOURS)
+    width = encode.width if encode else DIM
+    if index.stored.shape != (len(poses), width):
+        raise BundleError(
+            f"{folder / NEIGHBOURS} holds {index.stored.shape}, "
+            f"{(len(poses), width)} is wanted; write it with: dvc repro export"
+        )
+    return retrieval.LookUp(poses, index, settings.k, encode)
+
+
+def _after(
+    metric: str, nets: encoder.Networks | None, onto: object | None
+) -> encoder.Encoder | None:
+    """What a latent goes through before it is compared by L2; None: nothing."""
+    if metric == "mahalanobis":
+        return encoder.linear(np.array(onto, float))
+    return nets.decoder_x if metric == "decoded" else None
 
 
 def _settings(stored: Mapping, changed: Mapping) -> Settings:

@@ -6,6 +6,7 @@ call is longer than the product (docs/tried.md).
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from safetensors import SafetensorError, safe_open
@@ -31,6 +32,20 @@ class Encoder:
         self.width = take
         self._layers[-1] = np.ascontiguousarray(w[:take]), np.ascontiguousarray(b[:take])
 
+    def then(self, after: "Encoder") -> "Encoder":
+        """One network that applies this one, then another; no unit lies between the two."""
+        (w, b), (v, c) = self._layers[-1], after._layers[0]
+        joined = v.astype(float) @ w, v.astype(float) @ b + c
+        return Encoder([*self._layers[:-1], joined, *after._layers[1:]], after.width)
+
+    def rows(self, x: np.ndarray) -> np.ndarray:
+        """Map many vectors, (n, in) -> float32 (n, out)."""
+        h = np.asarray(x, np.float32)
+        for w, b in self._layers[:-1]:
+            h = np.tanh(h @ w.T + b)
+        w, b = self._layers[-1]
+        return h @ w.T + b
+
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Map one vector, (in,) -> float32 (out,)."""
         h = x.astype(np.float32)
@@ -52,8 +67,23 @@ class _Scaled:
         return self._net(z) * self._half_width + self._centre
 
 
-def read(path: Path, robot: str | None = None) -> tuple[Encoder, "_Scaled", dict]:
-    """The encoder of skeletons and the decoder of poses of a model file, and its note.
+def linear(onto: np.ndarray) -> Encoder:
+    """The network z -> z @ onto, (in, out)."""
+    onto = np.asarray(onto)
+    return Encoder([(onto.T, np.zeros(onto.shape[1]))], onto.shape[1])
+
+
+class Networks(NamedTuple):
+    """What a retargeter needs of a model."""
+
+    encoder: Encoder  # of skeletons
+    decoder_x: Encoder  # latents to skeletons
+    decoder_q: _Scaled  # latents to poses [rad]
+    note: dict  # the model's configuration
+
+
+def read(path: Path, robot: str | None = None) -> Networks:
+    """The networks of a model file that retargeting uses, and its note.
 
     Args:
         path: file written by s3le.artifact.
@@ -73,6 +103,7 @@ def read(path: Path, robot: str | None = None) -> tuple[Encoder, "_Scaled", dict
         joints = weights["joints.centre"], weights["joints.half_width"]
         found = (
             Encoder(_layers(weights, "encoder_x"), latent),
+            Encoder(_layers(weights, "decoder_x"), note["sizes"]["dim_x"]),
             _Scaled(Encoder(q_net, len(joints[0])), *joints),
         )
     except (SafetensorError, OSError, KeyError, IndexError, TypeError, ValueError) as error:
@@ -85,7 +116,7 @@ def read(path: Path, robot: str | None = None) -> tuple[Encoder, "_Scaled", dict
     for name, value in weights.items():
         if not np.isfinite(value).all():
             raise ModelError(f"{path}: weight {name} is not finite; train again")
-    return *found, note
+    return Networks(*found, note)
 
 
 def _layers(weights: dict[str, np.ndarray], net: str) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -4,19 +4,13 @@ A retargeter asks its proposer for poses to start from. How good they are decide
 answer comes to the human, never whether it is safe.
 """
 
+import threading
 from typing import Protocol
 
 import numpy as np
 
-from s3le.kernels.nearest import nearest_few
+from s3le.neighbours import Neighbours
 from s3le.retarget.encoder import Encoder
-
-
-class Search(Protocol):
-    """Nearest stored rows of a vector; only read while in use, so that threads may share it."""
-
-    def query(self, z: np.ndarray, k: int) -> np.ndarray:
-        """Rows of the k stored vectors nearest to z (d,), nearest first, int64 (at most k,)."""
 
 
 class Proposer(Protocol):
@@ -26,36 +20,30 @@ class Proposer(Protocol):
         """Poses to start from [rad], (at most k, n_dof), for the skeleton x (21,)."""
 
 
-class Exact:
-    """Looks at every stored vector."""
-
-    def __init__(self, stored: np.ndarray) -> None:
-        """Take the stored vectors, (n, d)."""
-        self._stored = np.ascontiguousarray(stored, np.float32)
-
-    def query(self, z: np.ndarray, k: int) -> np.ndarray:
-        """See Search."""
-        return nearest_few(self._stored, z, k)
-
-
 class LookUp:
     """Poses whose latents, or whose skeletons, are nearest."""
 
-    def __init__(self, poses: np.ndarray, search: Search, k: int, encoder: Encoder | None) -> None:
+    def __init__(
+        self, poses: np.ndarray, index: Neighbours, k: int, encoder: Encoder | None
+    ) -> None:
         """Join the parts.
 
         Args:
             poses: stored poses [rad], (n, n_dof).
-            search: finds rows of poses.
-            k: how many are proposed.
-            encoder: skeleton to latent; None: the skeleton itself is searched.
+            index: finds rows of poses.
+            k: how many are proposed, where there are as many.
+            encoder: skeleton to what is searched; None: the skeleton itself is.
         """
-        self._poses, self._search, self._k, self._encoder = poses, search, k, encoder
+        self._poses, self._index, self._encoder = poses, index, encoder
+        self._k, self._own = min(k, len(index)), threading.local()
 
     def propose(self, x: np.ndarray) -> np.ndarray:
         """See Proposer."""
         z = self._encoder(x) if self._encoder else x
-        return self._poses[self._search.query(z, self._k)]
+        if not hasattr(self._own, "seek"):
+            self._own.seek = self._index.seeker(self._k)  # scratch, one for each thread
+        rows, _ = self._own.seek(z)
+        return self._poses[rows]
 
 
 class Decoder:

@@ -35,7 +35,7 @@ def tables(n_dof: int, margin: float, latent: int) -> list[Table]:
         index(n_dof, margin, latent),
         retargeted(n_dof),
         SYNTHETIC,
-        stored_poses(n_dof, margin, latent),
+        stored_poses(n_dof, margin),
     ]
 
 

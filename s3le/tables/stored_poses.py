@@ -5,20 +5,17 @@ import polars as pl
 from s3le.tables.schema import CERTIFICATE, Column, Table, certified, finite, vector
 
 
-def stored_poses(n_dof: int, margin: float, latent: int) -> Table:
-    """Contract of an exported retargeter's poses and their latents."""
+def stored_poses(n_dof: int, margin: float) -> Table:
+    """Contract of an exported retargeter's poses."""
     return Table(
         name="stored_poses",
         stage="export",
-        grain="one feasible pose and the latent that it is found by",
+        grain="one feasible pose that can be found",
         key=("row",),
         columns={
             "row": Column(pl.Int32(), "-", "number from 0; that of the index it was taken from"),
-            "z": Column(pl.Array(pl.Float32, latent), "-", "latent that is searched"),
             "q": Column(vector(n_dof), "rad", "joint angles"),
         }
         | CERTIFICATE,
-        rules={"pose_is_finite": finite("q")}
-        | certified(margin)
-        | {"latent_is_finite": finite("z")},
+        rules={"pose_is_finite": finite("q")} | certified(margin),
     )
