@@ -128,11 +128,14 @@ def test_a_model_of_another_robot_is_not_exported(tmp_path):
 @pytest.mark.parametrize("method", ["s3le", "ale"])
 def test_one_row_without_torch_is_what_torch_says(method, tmp_path):
     path, net = a_model(tmp_path, method)
-    encode, decode, _ = encoder.read(path, coman().tag)
+    nets = encoder.read(path, coman().tag)
     for x in motion()[:5]:
         z = artifact.encode_x(net, x[None])[0]
-        assert np.abs(encode(x) - z).max() < 1e-5
-        assert np.abs(decode(z) - artifact.decode_q(net, z[None])[0]).max() < 1e-5
+        assert np.abs(nets.encoder(x) - z).max() < 1e-5
+        assert np.abs(nets.decoder_q(z) - artifact.decode_q(net, z[None])[0]).max() < 1e-5
+        told = artifact.decode_x(net, z[None])[0]
+        assert np.abs(nets.decoder_x(z) - told).max() < 1e-5
+        assert np.abs(nets.encoder.then(nets.decoder_x)(x) - told).max() < 1e-5
 
 
 @pytest.mark.parametrize("metric", ["l1", "cosine", "decoded", "mahalanobis"])

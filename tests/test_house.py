@@ -164,7 +164,8 @@ def test_files_can_be_read_in_one_sitting(path):
 
 @pytest.mark.parametrize("path", sorted(p for p in FILES if p.name == "__init__.py"), ids=str)
 def test_front_doors_are_empty(path):
-    assert not imported(path)
+    shown = ROOT / "s3le/retarget/__init__.py"  # what people import
+    assert not imported(path) or path == shown
 
 
 def test_the_entries_in_dvc_yaml_store_and_load_what_the_code_does():

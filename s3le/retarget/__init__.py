@@ -1,1 +1,5 @@
-"""From seven unit vectors to a certified pose by a certified step: retrieve, refine, guard."""
+"""Retrieve, refine, certify: human motion in, certified robot motion out."""
+
+from s3le.retarget.stream import Retargeter
+
+__all__ = ["Retargeter"]

@@ -8,6 +8,8 @@ unproven pose or step comes out: where nothing else can be proven, the robot hol
 """
 
 import threading
+from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -211,6 +213,13 @@ class Retargeter:
         self.cutoff = float(settings.cutoff) or np.inf
         self.swept = swept(machine.chain)
         self._proposer, self._own = proposer, threading.local()
+
+    @staticmethod
+    def load(folder: Path, changed: Mapping[str, object] | None = None) -> "Retargeter":
+        """The retargeter that stage `export` wrote to a folder; see s3le.retarget.bundle.load."""
+        from s3le.retarget import bundle  # it imports this module
+
+        return bundle.load(folder, changed)
 
     def propose(self, x: np.ndarray) -> np.ndarray:
         """Poses to start from [rad], (k, n_dof)."""
