@@ -66,9 +66,9 @@ def test_radians_in_the_motion_override_degrees_in_the_skeleton(tmp_path, skelet
 
 
 def test_the_skeletons_length_unit_scales_everything(tmp_path):
-    text = asf().replace("length 0.0254", "length 0.45")
+    text = asf().replace("length 0.0254", "length 0.045")
     clip = one(tmp_path, read_asf(write(tmp_path / "a.asf", text)), amc({}))
-    assert at(clip, 0, "hip") == pytest.approx(np.array([3, 1, 2]) / 0.45 * 0.0254, abs=1e-12)
+    assert at(clip, 0, "hip") == pytest.approx(np.array([3, 1, 2]) / 0.045 * 0.0254, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["01_01.amc", "01_01.amc.gz"])
@@ -85,7 +85,7 @@ def test_the_order_of_bones_may_change_from_frame_to_frame(tmp_path, skeleton):
     lines = amc({}, {"lhumerus": "1 2 3"}).splitlines()
     lines[-1], lines[-2] = lines[-2], lines[-1]
     want = one(tmp_path, skeleton, amc({}, {"lhumerus": "1 2 3"})).points
-    assert np.array_equal(one(tmp_path, skeleton, "\n".join(lines)).points, want)
+    assert np.array_equal(one(tmp_path, skeleton, "\n".join([*lines, ""])).points, want)
 
 
 @pytest.mark.parametrize("first", [0, 1, 731])
@@ -155,6 +155,22 @@ def test_a_truncated_last_frame_is_refused(tmp_path, skeleton):
             one(tmp_path, skeleton, "".join(lines[:-lost]))
 
 
+def test_a_motion_that_ends_within_a_line_is_refused(tmp_path, skeleton):
+    text = amc({}, {"lradius": "12.53"})
+    assert text.endswith("lradius 12.53\n")
+    for lost in range(1, 6):
+        with pytest.raises(ClipError, match=r"amc:21: the last line has no end; a truncated fil"):
+            one(tmp_path, skeleton, text[:-lost])
+
+
+@pytest.mark.parametrize(("length", "arm"), [("0.254", "0.055"), ("0.00254", "5.5")])
+def test_a_person_of_no_human_size_is_refused(tmp_path, length, arm):
+    text = asf().replace("length 0.0254", f"length {length}")
+    skeleton = read_asf(write(tmp_path / "a.asf", text))
+    with pytest.raises(ClipError, match=f"an arm is {arm} m long, people's are in \\[0.1, 2\\] m"):
+        one(tmp_path, skeleton, amc({}))
+
+
 @pytest.mark.parametrize(
     ("content", "what"),
     [
@@ -208,6 +224,9 @@ def test_a_rate_that_is_none_is_refused(tmp_path, skeleton, fps):
         (":units", ":root", "section ':root' is there twice"),
         ("rhumerus rradius\n  end\n", "", "this begin has no end"),
         ("id 3", "colour 3", "'colour' is not expected here"),
+        ("  begin\n     id 2", "  begin\n  begin\n     id 2", "begin within the block of line 23"),
+        ("  end\n  begin\n     id 2", "  begin\n     id 2", "begin within the block of line 16"),
+        ("direction 0 1 0", "direction 1e308 1e308 0", "direction must be a unit vector"),
     ],
 )
 def test_a_faulty_skeleton_is_refused(tmp_path, old, new, why):

@@ -283,6 +283,17 @@ def test_every_cut_through_a_file_is_refused_or_ends_in_the_last_number(tmp_path
             one(tmp_path, text[:end])
 
 
+def test_a_last_number_with_fewer_decimals_than_the_others_was_cut(tmp_path):
+    rows = [[f"{value:.6f}" for value in row] for row in (ZERO, MOVING)]
+    head = bvh([ZERO, MOVING]).partition("Frame Time")[0] + "Frame Time: 0.01\n"
+    text = head + "\n".join(map(" ".join, rows))
+    assert len(one(tmp_path, text).points) == 2  # whole, although it has no last line end
+    for lost in range(1, 8):
+        with pytest.raises(ClipError, match="the last number has fewer decimals than all others"):
+            one(tmp_path, text[:-lost])
+    assert len(one(tmp_path, text[:-3] + "\n").points) == 2
+
+
 def test_no_damaged_file_does_anything_but_read_or_be_refused(tmp_path):
     for copy in broken(bvh([ZERO, MOVING, MOVING]).encode(), 600, seed=3):
         try:

@@ -104,6 +104,7 @@ def rows(change):
         ("{}", 'no list "Frames"'),
         ("[]", 'no list "Frames"'),
         ('{"Frames": []}', 'no list "Frames"'),
+        ('{"Frames": [], "Loop": "none", "Frames": []}', "punch.txt: 'Frames' is there twice"),
         ('{"Frames": {"0": 1}}', 'no list "Frames"'),
         ('{"Frames": [1]}', "frame 0 must be 44 numbers, got int"),
         (rows(lambda f: f[1].pop()), "frame 1 must be 44 numbers, got 43 values"),

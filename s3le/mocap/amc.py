@@ -66,7 +66,8 @@ def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
     Raises:
         ClipError: with file, line and token, anything but frames numbered one after the
             other that each give every moving bone of the skeleton once, with the right
-            count of finite numbers; or a skeleton without the bones of CMU_POINTS.
+            count of finite numbers; a last line without an end; or a skeleton without the bones
+            of CMU_POINTS.
         ParameterError: fps is no sensible rate.
     """
     if lost := [bone for bone in CMU_POINTS.values() if bone not in skeleton.bones]:
@@ -76,6 +77,9 @@ def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
     data = read_bytes(path)
     require(path, data, "AMC text")
     lines = data.splitlines()
+    if not data.endswith((b"\n", b"\r")):  # nothing else tells 12.5 from a 12.53 cut short
+        why = "the last line has no end; a truncated file? if it is whole, end it with a newline"
+        raise refusal(path, len(lines), why)
     start, degrees = _header(path, lines, skeleton)
     channels = _by_stride(lines, start, skeleton)
     if channels is None:  # not one fixed layout: read it line by line, or say where it breaks

@@ -143,7 +143,7 @@ def _bone(path: Path | str, block: Lines, degrees: bool) -> tuple[int, Bone]:
     line, (name,) = found["name"]
     at, words = found["direction"]
     direction = np.array([number(path, at, word, "direction") for word in words])
-    if not 0.99 <= np.linalg.norm(direction) <= 1.01:
+    if not (np.abs(direction) <= 1.01).all() or not 0.99 <= np.linalg.norm(direction) <= 1.01:
         raise refusal(path, at, f"direction must be a unit vector, got {direction}")
     at, (word,) = found["length"]
     length = number(path, at, word, "length")
@@ -178,6 +178,8 @@ def _blocks(path: Path | str, lines: Lines) -> list[Lines]:
             blocks.append([(line, words)])
         elif words == [b"end"] and open_at:
             open_at = 0
+        elif words[0] == b"begin":
+            raise refusal(path, line, f"begin within the block of line {open_at}; no end there?")
         elif open_at:
             blocks[-1].append((line, words))
         else:

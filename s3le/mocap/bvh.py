@@ -86,6 +86,9 @@ def read_bvh(path: Path | str, fps: float | None = None, unit: str | None = None
     found = _points(path, joints)
     columns = sum(len(joint.channels) for joint in joints)
     values, own_fps = _motion(path, lines, motion, columns, read_rate=fps is None)
+    if not data.endswith((b"\n", b"\r")) and _cut_short(lines[-1].split()):
+        why = "the last number has fewer decimals than all others; a truncated file?"
+        raise refusal(path, len(lines), why)
     with np.errstate(over="ignore", invalid="ignore"):  # make_clip refuses what comes of it
         places = joint_positions(joints, values, set(found.joints.values()))
         points = np.stack([places[found.joints[p]] for p in POINTS], axis=1)  # (n, 10, 3)
@@ -250,6 +253,12 @@ def _explain(path: Path | str, rows: list[bytes], first: int, columns: int) -> N
         for word in words:
             number(path, line, word, "a channel value")
     raise AssertionError("a row was refused in bulk but not by itself")
+
+
+def _cut_short(words: list[bytes]) -> bool:
+    """Whether the last of these numbers alone has fewer decimals than the others, which agree."""
+    decimals = [len(word.partition(b".")[2]) for word in words]
+    return len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]
 
 
 def _rate(path: Path | str, line: int, word: bytes) -> float:

@@ -13,8 +13,10 @@ from s3le.errors import ClipError, ParameterError
 from s3le.skeleton import POINTS
 
 FARTHEST = 1e4  # [m] a coordinate beyond this is damage or a wrong unit, not motion
+ARM_RANGE = (0.1, 2.0)  # [m] shoulder to hand; beyond it a unit or a length is wrong
 FPS_RANGE = (0.1, 10_000.0)  # [Hz]
 _ON_FRAME = 1e-6  # a sample this close to a frame, in frames, is that frame
+_ARMS = [[POINTS.index(f"{side}_{p}") for p in ("shoulder", "elbow", "hand")] for side in "rl"]
 
 
 class Clip(NamedTuple):
@@ -41,7 +43,8 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
         points: positions [m], shape (n, 10, 3).
 
     Raises:
-        ClipError: no frames, or a position that is not finite or beyond FARTHEST.
+        ClipError: no frames, a position that is not finite or beyond FARTHEST, or arms of no
+            human length.
         ParameterError: fps is outside FPS_RANGE.
     """
     check_rate(fps, "fps")
@@ -54,6 +57,16 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
         raise ClipError(
             f"{path}: frame {frame} (from 0) puts a joint beyond {FARTHEST:g} m or nowhere; "
             "the file is damaged or in another unit"
+        )
+    arm = np.median([
+        np.linalg.norm(points[:, above] - points[:, below], axis=1)
+        + np.linalg.norm(points[:, below] - points[:, hand], axis=1)
+        for above, below, hand in _ARMS
+    ])
+    if not ARM_RANGE[0] <= arm <= ARM_RANGE[1]:
+        raise ClipError(
+            f"{path}: an arm is {arm:.3g} m long, people's are in [{ARM_RANGE[0]:g}, "
+            f"{ARM_RANGE[1]:g}] m; the file is damaged or in another unit"
         )
     points.setflags(write=False)
     return Clip(clip_name(path), float(fps), points)

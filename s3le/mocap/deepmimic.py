@@ -16,7 +16,7 @@ import numpy as np
 
 from s3le.mocap.clip import FPS_RANGE, Clip, at_constant_rate, make_clip
 from s3le.mocap.rotation import about, from_quaternion, turn
-from s3le.mocap.text import read_bytes, refusal, require
+from s3le.mocap.text import read_bytes, refusal, require, shown
 from s3le.skeleton import POINTS
 
 WIDTH = 44
@@ -87,8 +87,17 @@ def _frames(path: Path | str, data: bytes) -> np.ndarray:
     def refuse_constant(word: str) -> None:
         raise refusal(path, None, f"{word} is no number of a motion")
 
+    def refuse_twice(pairs: list[tuple[str, object]]) -> dict[str, object]:
+        tree: dict[str, object] = {}
+        for name, value in pairs:
+            if name in tree:
+                raise refusal(path, None, f"{shown(name)} is there twice")
+            tree[name] = value
+        return tree
+
     try:
-        tree = json.loads(data.decode("utf-8"), parse_constant=refuse_constant)
+        text = data.decode("utf-8")
+        tree = json.loads(text, parse_constant=refuse_constant, object_pairs_hook=refuse_twice)
     except json.JSONDecodeError as error:
         raise refusal(path, error.lineno, f"not valid JSON: {error.msg}") from None
     except (ValueError, RecursionError) as error:
