@@ -22,6 +22,7 @@ from s3le.tables.schema import Table
 
 MANIFEST = "manifest.json"
 _ROBOT = b"s3le.robot"
+_HOW = {"compression": "zstd", "write_page_checksum": True}  # else a flipped bit is another number
 
 
 def write(
@@ -44,13 +45,13 @@ def write(
         TableError: the rows break the contract (nothing is written).
     """
     rows = _checked(columns, table, robot, note)
-    replace(path, lambda part: pq.write_table(rows, part, compression="zstd"))
+    replace(path, lambda part: pq.write_table(rows, part, **_HOW))
 
 
 def encode(columns: Mapping[str, np.ndarray], table: Table, robot: str | None = None) -> bytes:
     """The bytes of the file that `write` would write; otherwise as `write`."""
     sink = io.BytesIO()
-    pq.write_table(_checked(columns, table, robot, None), sink, compression="zstd")
+    pq.write_table(_checked(columns, table, robot, None), sink, **_HOW)
     return sink.getvalue()
 
 
@@ -202,7 +203,7 @@ def _shards(
 def _frame_of(table: Table, path: Path, source: object, robot: str | None) -> pl.DataFrame:
     """Rows of one Parquet file, held to the contract."""
     try:
-        rows = pq.read_table(source)
+        rows = pq.read_table(source, page_checksum_verification=True)
         # polars takes only text in a field's metadata, and panics at other bytes
         bare = rows.cast(pa.schema([field.remove_metadata() for field in rows.schema]))
     except (pa.ArrowException, OSError, ValueError, MemoryError) as error:

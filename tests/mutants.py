@@ -9,7 +9,7 @@ import random
 import re
 from collections.abc import Callable, Sequence
 
-NUMBER = re.compile(rb"(?<![\w.])[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
+NUMBER = re.compile(rb"(?<![\w.])[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
 WHOLE = re.compile(rb"(?<![\w.+-])\d+(?![\w.])")
 WORD = re.compile(rb"[^\s,;:\[\]{}()<>=\"']+")
 NO_NUMBERS = (

@@ -1,4 +1,5 @@
 import json
+import time
 
 import numpy as np
 import pytest
@@ -148,6 +149,13 @@ def test_a_frame_without_a_bone_is_refused(tmp_path, skeleton):
         one(tmp_path, skeleton, text)
 
 
+def test_a_number_of_a_million_digits_is_refused_at_once(tmp_path, skeleton):
+    begin = time.process_time()
+    with pytest.raises(ClipError, match="rradius must be a number, got '0000"):
+        one(tmp_path, skeleton, amc({"rradius": "0" * 10**6 + "x"}))
+    assert time.process_time() - begin < 1.0  # [s]
+
+
 def test_a_truncated_last_frame_is_refused(tmp_path, skeleton):
     lines = amc({}, {}, {}).splitlines(keepends=True)
     for lost in range(1, 9):
@@ -161,6 +169,14 @@ def test_a_motion_that_ends_within_a_line_is_refused(tmp_path, skeleton):
     for lost in range(1, 6):
         with pytest.raises(ClipError, match=r"amc:21: the last line has no end; a truncated fil"):
             one(tmp_path, skeleton, text[:-lost])
+
+
+@pytest.mark.parametrize("angle", ["1e308", "-57296", "9" * 30])
+def test_an_angle_of_no_joint_is_refused(tmp_path, skeleton, angle):
+    why = r"frame 1 \(from 0\) turns a joint by .* rad, more than 1000"
+    with pytest.raises(ClipError, match=why):
+        one(tmp_path, skeleton, amc({}, {"rradius": angle}))
+    assert len(one(tmp_path, skeleton, amc({"rradius": "57295"})).points) == 1
 
 
 @pytest.mark.parametrize(("length", "arm"), [("0.254", "0.055"), ("0.00254", "5.5")])

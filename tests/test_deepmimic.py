@@ -119,6 +119,7 @@ def rows(change):
         (rows(lambda f: f[1].__setitem__(0, 0.0)), "frame 1 lasts 0 s"),
         (rows(lambda f: f[0].__setitem__(0, -1.0)), "frame 0 lasts -1 s"),
         (rows(lambda f: f[0].__setitem__(0, 1e9)), r"frame 0 lasts 1e\+09 s"),
+        (rows(lambda f: f[1].__setitem__(43, 10**30)), "frame 1 .* turns a joint by 1e.30 rad"),
         (rows(lambda f: f[1].__setitem__(1, 1e300)), "frame 1 .* beyond 10000 m"),
     ],
     ids=lambda value: value[:24] if " " in value else "text",

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from worlds import (
     ARMS_URDF,
     ARMS_YAML,
@@ -127,7 +129,38 @@ def test_a_whole_turn_changes_nothing():
     assert np.allclose(here, there, rtol=0, atol=ALGEBRA)
 
 
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 2**31), joint=st.integers(0, 10), step=st.floats(-4, 4))
+def test_a_joint_moves_what_hangs_on_it_and_nothing_else(seed, joint, step):
+    made = coman()
+    q = np.repeat(relaxed(made, 1, seed), 2, axis=0)
+    q[1, joint] += step
+    here, there = batch.points(made.chain, q)
+    for role, point in made.robot.points.items():
+        if joint not in made.robot.chain(point.joint):
+            at = POINTS.index(role)
+            assert np.array_equal(here[at], there[at]), role  # to the bit
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 2**31), far=st.floats(0, 7))
+def test_no_point_moves_farther_than_its_levers_and_angles_allow(seed, far):
+    made = coman()
+    q = np.repeat(relaxed(made, 1, seed), 2, axis=0)
+    q[1] += far * np.random.default_rng(seed).uniform(-1, 1, q.shape[1])
+    here, there = batch.points(made.chain, q)
+    turned = np.abs(q[1] - q[0])  # [rad]
+    for role, point in made.robot.points.items():
+        lever, allowed = np.linalg.norm(point.offset), 0.0  # [m]
+        for joint in made.robot.chain(point.joint)[::-1]:
+            allowed += lever * turned[joint]
+            lever += np.linalg.norm(made.robot.joints[joint].translation)
+        at = POINTS.index(role)
+        assert np.linalg.norm(there[at] - here[at]) <= allowed + ALGEBRA, role
+
+
 def test_a_pose_that_is_not_finite_has_a_skeleton_that_is_not():
+
     made = coman()
     q = inside_limits(made, 3, 12)
     q[1, made.robot.joint_names.index("WaistYaw")] = np.nan

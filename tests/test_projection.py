@@ -4,6 +4,8 @@ import functools
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from reference import OneByOne, around, search
 from worlds import (
     ARMS_YAML,
@@ -301,7 +303,20 @@ def test_nasty_poses_are_projected_to_feasible_ones(name, make):
     assert np.array_equal(project(made, found.q).q, found.q)
 
 
+ANGLES = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(deadline=None, max_examples=60)
+@given(q=st.lists(ANGLES | st.floats(-4, 4), min_size=11, max_size=11))
+def test_any_finite_pose_is_projected_to_a_feasible_one_that_stays(q):
+    made = coman()
+    found = project(made, np.array([q]))
+    made.certifier().require(found.q, made.margin)
+    assert np.array_equal(project(made, found.q).q, found.q)
+
+
 def test_the_anchor_stays_where_it_is():
+
     made = coman()
     found = project(made, made.robot.anchor[None])
     assert np.array_equal(found.q[0], made.robot.anchor) and found.how[0] == SAME

@@ -155,6 +155,20 @@ def test_a_table_edited_by_hand_is_refused_when_read(tmp_path):
         store.read(TABLE, path, TAG)
 
 
+def test_no_flipped_bit_of_the_rows_goes_unseen(tmp_path):
+    path = tmp_path / "p.parquet"
+    q = np.random.default_rng(0).normal(size=(40, 3))
+    store.write(columns(40, q=q), TABLE, path, TAG)
+    data = path.read_bytes()
+    at = next(i for i in range(len(data)) if data[i : i + 8] == q[0, 0].tobytes())
+    for bit in range(64):
+        damaged = bytearray(data)
+        damaged[at + bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        with pytest.raises(TableError, match="not readable as Parquet .*(CRC|checksum)"):
+            store.read(TABLE, path, TAG)
+
+
 def test_a_rule_that_fails_in_a_file_names_the_file(tmp_path):
     path = tmp_path / "p.parquet"
     store.write(columns(), TABLE, path, TAG)

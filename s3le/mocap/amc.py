@@ -11,7 +11,7 @@ import numpy as np
 
 from s3le.errors import ClipError
 from s3le.mocap.asf import ROOT, Skeleton, read_asf
-from s3le.mocap.clip import Clip, make_clip
+from s3le.mocap.clip import Clip, make_clip, refuse_wild_angles
 from s3le.mocap.rotation import about, turn
 from s3le.mocap.text import (
     floats,
@@ -86,6 +86,7 @@ def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
         channels = _by_line(path, lines, start, skeleton)
     if degrees:
         channels = {key: np.radians(v) if key[1][0] == "r" else v for key, v in channels.items()}
+    refuse_wild_angles(path, np.stack([v for k, v in channels.items() if k[1][0] == "r"], axis=1))
     with np.errstate(over="ignore", invalid="ignore"):  # make_clip refuses what comes of it
         ends = joint_positions(skeleton, channels, set(CMU_POINTS.values()))
         points = np.stack([ends[CMU_POINTS[point]] for point in POINTS], axis=1)  # (n, 10, 3)

@@ -13,7 +13,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.mocap.clip import FPS_RANGE, Clip, make_clip
+from s3le.mocap.clip import FPS_RANGE, Clip, make_clip, refuse_wild_angles
 from s3le.mocap.rigs import Match, match
 from s3le.mocap.rotation import about, turn
 from s3le.mocap.text import (
@@ -89,6 +89,8 @@ def read_bvh(path: Path | str, fps: float | None = None, unit: str | None = None
     if not data.endswith((b"\n", b"\r")) and _cut_short(lines[-1].split()):
         why = "the last number has fewer decimals than all others; a truncated file?"
         raise refusal(path, len(lines), why)
+    turns = [kind == "rotation" for joint in joints for kind, _ in joint.channels]
+    refuse_wild_angles(path, np.radians(values[:, turns]))
     with np.errstate(over="ignore", invalid="ignore"):  # make_clip refuses what comes of it
         places = joint_positions(joints, values, set(found.joints.values()))
         points = np.stack([places[found.joints[p]] for p in POINTS], axis=1)  # (n, 10, 3)
@@ -171,7 +173,7 @@ def _hierarchy(path: Path | str, lines: list[bytes]) -> list[Joint]:
             at += 1
         line = words[at][1]
         expect(b"{")
-        if not name or not _KEYWORDS.isdisjoint(name):
+        if not name or not _KEYWORDS.isdisjoint(name) or any("}" in part for part in name):
             raise refusal(path, line, f"no name of a joint: {shown(' '.join(name))}")
         expect(b"OFFSET")
         offset = np.array(values(3, "OFFSET"))

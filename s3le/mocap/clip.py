@@ -14,6 +14,7 @@ from s3le.skeleton import POINTS
 
 FARTHEST = 1e4  # [m] a coordinate beyond this is damage or a wrong unit, not motion
 ARM_RANGE = (0.1, 2.0)  # [m] shoulder to hand; beyond it a unit or a length is wrong
+MOST_TURNED = 1000.0  # [rad] 160 turns; an angle beyond this is damage, not motion
 FPS_RANGE = (0.1, 10_000.0)  # [Hz]
 _ON_FRAME = 1e-6  # a sample this close to a frame, in frames, is that frame
 _ARMS = [[POINTS.index(f"{side}_{p}") for p in ("shoulder", "elbow", "hand")] for side in "rl"]
@@ -70,6 +71,21 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
         )
     points.setflags(write=False)
     return Clip(clip_name(path), float(fps), points)
+
+
+def refuse_wild_angles(path: Path | str, angles: np.ndarray) -> None:
+    """Refuse angles [rad], shape (n, any), of which one is beyond MOST_TURNED.
+
+    Raises:
+        ClipError: names the frame and the angle.
+    """
+    wild = ~(np.abs(angles) <= MOST_TURNED)
+    if wild.any():
+        frame, column = np.argwhere(wild)[0]
+        raise ClipError(
+            f"{path}: frame {frame} (from 0) turns a joint by {angles[frame, column]:g} rad, more "
+            f"than {MOST_TURNED:g}; the file is damaged or its angles are in another unit"
+        )
 
 
 def clip_name(path: Path | str) -> str:

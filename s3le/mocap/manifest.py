@@ -39,7 +39,7 @@ def table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
 
     Raises:
         ClipError: with file and line: other columns, no rows, a short or long row, a key
-            that is there twice, a control character, broken quoting, no newline at the end.
+            that is there twice, an unprintable character, broken quoting, no newline at the end.
     """
     try:
         text = read_bytes(path, limit=SMALL_BYTES).decode("utf-8")
@@ -58,8 +58,8 @@ def table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     for line, row in enumerate(rows, 2):
         if None in row or None in row.values():
             raise ClipError(f"{path}:{line}: a row has {len(columns)} values")
-        if odd := [v for v in row.values() if any(c < " " or c == "\x7f" for c in v)]:
-            raise ClipError(f"{path}:{line}: a control character in {shown(odd[0])}")
+        if odd := [value for value in row.values() if not value.isprintable()]:
+            raise ClipError(f"{path}:{line}: an unprintable character in {shown(odd[0])}")
         if row[columns[0]] in seen:
             raise ClipError(f"{path}:{line}: {shown(row[columns[0]])} is there twice")
         seen.add(row[columns[0]])
@@ -75,7 +75,7 @@ def rate(path: Path, clip: str, text: str) -> float:
         ClipError: it is no number or no sensible rate.
     """
     try:
-        if not re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
+        if not re.fullmatch(r"([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
             raise ValueError(text)
         check_rate(fps := float(text), "fps")
     except (ValueError, ParameterError):

@@ -16,7 +16,7 @@ from s3le.errors import ClipError
 MAX_BYTES = 128 * 2**20  # largest file read, unpacked: 150,000 frames of 96 channels
 SMALL_BYTES = 4 * 2**20  # largest skeleton or list; real ones have kilobytes
 
-_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(rb"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _SHOWN = 40  # characters of a token quoted in a refusal
 _LISTED = 60  # names listed in a refusal
 
