@@ -163,12 +163,25 @@ def test_a_truncated_last_frame_is_refused(tmp_path, skeleton):
             one(tmp_path, skeleton, "".join(lines[:-lost]))
 
 
-def test_a_motion_that_ends_within_a_line_is_refused(tmp_path, skeleton):
+def test_a_number_that_may_be_cut_in_two_does_not_get_in(tmp_path, skeleton, caplog):
     text = amc({}, {"lradius": "12.53"})
     assert text.endswith("lradius 12.53\n")
+    whole = one(tmp_path, skeleton, text).points
+    for end in ("", "\r\n", " "):  # after any of them the number is whole
+        assert np.array_equal(one(tmp_path, skeleton, text[:-1] + (end or "\n")).points, whole)
+    assert caplog.text == ""
     for lost in range(1, 6):
-        with pytest.raises(ClipError, match=r"amc:21: the last line has no end; a truncated fil"):
-            one(tmp_path, skeleton, text[:-lost])
+        caplog.clear()
+        read = one(tmp_path, skeleton, text[:-lost])
+        assert np.array_equal(read.points, whole[:-1])
+        (line,) = [record.getMessage() for record in caplog.records]
+        assert line.endswith("(no line end); the last of its 2 frames is left out")
+        assert "01_01.amc: nothing shows that its last number is whole" in line
+
+
+def test_a_single_frame_that_may_be_cut_in_two_is_refused(tmp_path, skeleton):
+    with pytest.raises(ClipError, match=r"and there is no other frame; a truncated file\?"):
+        one(tmp_path, skeleton, amc({}).rstrip("\n"))
 
 
 @pytest.mark.parametrize("angle", ["1e308", "-57296", "9" * 30])
@@ -179,12 +192,19 @@ def test_an_angle_of_no_joint_is_refused(tmp_path, skeleton, angle):
     assert len(one(tmp_path, skeleton, amc({"rradius": "57295"})).points) == 1
 
 
-@pytest.mark.parametrize(("length", "arm"), [("0.254", "0.055"), ("0.00254", "5.5")])
-def test_a_person_of_no_human_size_is_refused(tmp_path, length, arm):
+@pytest.mark.parametrize(("length", "arm"), [("0.28", "0.0499"), ("0.00254", "5.5")])
+def test_a_person_of_a_size_that_only_a_wrong_unit_gives_is_refused(tmp_path, length, arm):
     text = asf().replace("length 0.0254", f"length {length}")
     skeleton = read_asf(write(tmp_path / "a.asf", text))
-    with pytest.raises(ClipError, match=f"an arm is {arm} m long, people's are in \\[0.1, 2\\] m"):
+    why = f"an arm is {arm} m long, wanted \\[0.05, 5\\] m .*; the file is damaged or in another unit"
+    with pytest.raises(ClipError, match=why):
         one(tmp_path, skeleton, amc({}))
+
+
+@pytest.mark.parametrize("length", ["0.27", "0.0029"])
+def test_a_doll_and_a_giant_are_read(tmp_path, length):
+    text = asf().replace("length 0.0254", f"length {length}")
+    assert one(tmp_path, read_asf(write(tmp_path / "a.asf", text)), amc({}))
 
 
 @pytest.mark.parametrize(

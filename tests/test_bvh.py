@@ -8,6 +8,7 @@ from s3le.errors import ClipError, ParameterError
 from s3le.mocap.amc import read_amc, read_asf
 from s3le.mocap.bvh import UNITS, read_bvh
 from s3le.mocap.rigs import match
+from s3le.mocap.text import MOST_LINES
 from s3le.skeleton import POINTS, face_forward, features
 
 ORDERS = ["".join(order) for order in itertools.permutations("XYZ")]
@@ -285,15 +286,43 @@ def test_every_cut_through_a_file_is_refused_or_ends_in_the_last_number(tmp_path
             one(tmp_path, text[:end])
 
 
-def test_a_last_number_with_fewer_decimals_than_the_others_was_cut(tmp_path):
+def test_a_frame_whose_last_number_has_fewer_decimals_than_the_others_does_not_get_in(
+    tmp_path, caplog
+):
     rows = [[f"{value:.6f}" for value in row] for row in (ZERO, MOVING)]
     head = bvh([ZERO, MOVING]).partition("Frame Time")[0] + "Frame Time: 0.01\n"
     text = head + "\n".join(map(" ".join, rows))
-    assert len(one(tmp_path, text).points) == 2  # whole, although it has no last line end
+    whole = one(tmp_path, text).points
+    assert len(whole) == 2  # although the last line has no end
+    assert len(one(tmp_path, text[:-3] + "\n").points) == 2 and caplog.text == ""
     for lost in range(1, 8):
-        with pytest.raises(ClipError, match="the last number has fewer decimals than all others"):
-            one(tmp_path, text[:-lost])
-    assert len(one(tmp_path, text[:-3] + "\n").points) == 2
+        caplog.clear()
+        assert np.array_equal(one(tmp_path, text[:-lost]).points, whole[:1])
+        assert "fewer decimals than all others (no line end); the last of its 2" in caplog.text
+    with pytest.raises(ClipError, match="a frame takes 12 values, got 11"):
+        one(tmp_path, text[:-8].rstrip())
+
+
+def test_a_frame_of_a_million_characters_is_read_and_one_without_end_is_not(tmp_path):
+    text = bvh([ZERO, MOVING])
+    last = text.rstrip("\n").rindex(" ")
+    assert len(one(tmp_path, text[:last] + " " * 2**20 + text[last:]).points) == 2
+    with pytest.raises(ClipError, match=r"bvh:\d+: longer than the 4 MiB of a line that are read"):
+        one(tmp_path, text[:last] + " 1" * 2**21 + text[last:])
+
+
+def test_more_lines_than_any_motion_has_are_refused_before_they_take_memory(tmp_path):
+    for ends in (b"\n", b"\r"):
+        data = bvh([ZERO]).encode() + (b"a" + ends) * (MOST_LINES + 1)
+        with pytest.raises(ClipError, match="more than the 8388608 lines that are read"):
+            one(tmp_path, data)
+
+
+def test_a_motion_is_converted_in_runs_of_bounded_size(tmp_path, monkeypatch):
+    want = one(tmp_path, bvh([MOVING] * 5)).points
+    for size in (1, 100, 10**9):
+        monkeypatch.setattr("s3le.mocap.bvh._CHUNK", size)
+        assert np.array_equal(one(tmp_path, bvh([MOVING] * 5)).points, want)
 
 
 def test_no_damaged_file_does_anything_but_read_or_be_refused(tmp_path):

@@ -42,14 +42,17 @@ def test_a_rate_that_is_no_plain_number_is_refused_in_a_short_line(fps):
     assert manifest.rate(Path("m.csv"), "01_02", "119.88") == 119.88
 
 
-def test_a_list_that_ends_within_a_line_is_refused(tmp_path):
+def test_a_list_may_end_without_a_newline_but_not_within_a_row(tmp_path):
+    columns = tuple(COLUMNS.split(","))
     row = ("01_01", "d", 120, "train", "ab" * 32, "cd" * 32)
-    text = table(tmp_path / "m.csv", COLUMNS, row).read_text()
-    for lost in (1, 2, 30, 65):  # 65: all of the last checksum, which may be empty
-        path = tmp_path / "cut.csv"
+    text = table(tmp_path / "m.csv", COLUMNS, row).read_text().rstrip("\r\n")
+    path = tmp_path / "cut.csv"
+    path.write_text(text)
+    assert manifest.manifest(path, columns)[0] == dict(zip(columns, map(str, row), strict=True))
+    for lost, why in ((1, "is no asf_sha256"), (30, "is no asf_sha256"), (65, "a row has 6 values")):
         path.write_text(text[:-lost])
-        with pytest.raises(ClipError, match="cut.csv: the last line has no end"):
-            manifest.manifest(path, tuple(COLUMNS.split(",")))
+        with pytest.raises(ClipError, match=f"cut.csv:2: .*{why}"):
+            manifest.manifest(path, columns)
 
 
 def test_other_columns_are_refused(tmp_path):

@@ -1,8 +1,20 @@
 """Broken files through every reader: refused in one line that names the file, or read as they are.
 
 Each reader runs in a process of its own with bounded memory and time (see doors), so a crash is
-a failed test and not the end of the tests. `pytest --mutants=10000 tests/test_mutants.py` sends
+a failed test and not the end of the tests. `pytest -s --mutants=10000 tests/test_mutants.py` sends
 that many through each; a failure names the number of the mutant, which is always the same one.
+
+What is counted as what:
+
+- "refused": one of our own errors, one printable line of bounded length that names the file.
+- "read": a result by every law of the format: what the reader gave is what the bytes say when the
+  grammar is applied to them again by other means (doors), all of it, in range. A mutant whose
+  bytes are another valid file counts here: nobody can tell 12.53 from 13.53.
+- "accepted", a silent acceptance, fails: a result although a law is broken, or another result
+  than the law gives. Where files carry checksums, any result but the good file's is one.
+- "crash" (any other exception, a signal), "slow" (more than 2 s of processor time, twice), more
+  memory than 512 MiB beyond the good file's, "words" (a refusal of several lines, without the
+  file, endless, or anything printed) and "written" (files changed) fail too.
 """
 
 import json
@@ -10,6 +22,7 @@ import os
 import struct
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -23,7 +36,7 @@ SHOWN = 12  # failures of a reader that are printed
 
 
 def sent(name, first, count, folder):
-    """Failures and counts of a reader's mutants."""
+    """Failures and counts of a reader's mutants, and the most memory it had [bytes]."""
     command = [sys.executable, str(HERE / "doors.py"), name, str(first), str(count), str(folder)]
     paths = os.pathsep.join([str(HERE.parent), str(HERE)])
     own = {"PYTHONPATH": paths, "POLARS_MAX_THREADS": "1", "MALLOC_ARENA_MAX": "1", **ONE_THREAD}
@@ -33,11 +46,14 @@ def sent(name, first, count, folder):
     number = struct.unpack("<q", mark.read_bytes())[0] if mark.is_file() else "none"
     assert ran.returncode == 0, f"{name}: mutant {number} ended its reader: {ran.stderr[-2000:]}"
     assert ran.stderr == "", f"{name}: something was printed: {ran.stderr[-2000:]}"
-    return lines[:-1], lines[-1]["counts"]
+    return lines[:-1], lines[-1]["counts"], lines[-1]["most"]
 
 
 def hold(name, count, folder):
-    wrong, counts = sent(name, 0, count, folder)
+    begin = time.monotonic()
+    wrong, counts, most = sent(name, 0, count, folder)
+    took = f"{time.monotonic() - begin:.1f} s, at most {most / 2**20:.0f} MiB"
+    print(f"{name}: {counts}, {took}")
     told = "\n".join(json.dumps(one) for one in wrong[:SHOWN])
     assert not wrong, f"{name}: {counts}\n{told}"
     assert counts["refused"] > 0.3 * count  # or the mutants are not what they say

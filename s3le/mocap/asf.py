@@ -17,7 +17,16 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.mocap.rotation import about
-from s3le.mocap.text import SMALL_BYTES, listed, number, read_bytes, refusal, require, shown
+from s3le.mocap.text import (
+    SMALL_BYTES,
+    listed,
+    number,
+    read_bytes,
+    refusal,
+    require,
+    shown,
+    split_lines,
+)
 
 INCH = 0.0254  # [m]
 ROOT = "root"
@@ -90,7 +99,7 @@ Lines = list[tuple[int, list[bytes]]]  # line number from 1, its words
 def _sections(path: Path | str, data: bytes) -> dict[str, Lines]:
     sections: dict[str, Lines] = {}
     here: Lines | None = None
-    for line, text in enumerate(data.splitlines(), 1):
+    for line, text in enumerate(split_lines(path, data), 1):
         words = text.split()
         if not words or words[0].startswith(b"#"):
             continue

@@ -13,7 +13,7 @@ from s3le.errors import ClipError, ParameterError
 from s3le.skeleton import POINTS
 
 FARTHEST = 1e4  # [m] a coordinate beyond this is damage or a wrong unit, not motion
-ARM_RANGE = (0.1, 2.0)  # [m] shoulder to hand; beyond it a unit or a length is wrong
+ARM_RANGE = (0.05, 5.0)  # [m] shoulder to hand, of a doll and of a giant: beyond, a wrong unit
 MOST_TURNED = 1000.0  # [rad] 160 turns; an angle beyond this is damage, not motion
 FPS_RANGE = (0.1, 10_000.0)  # [Hz]
 _ON_FRAME = 1e-6  # a sample this close to a frame, in frames, is that frame
@@ -44,8 +44,8 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
         points: positions [m], shape (n, 10, 3).
 
     Raises:
-        ClipError: no frames, a position that is not finite or beyond FARTHEST, or arms of no
-            human length.
+        ClipError: no frames, a position that is not finite or beyond FARTHEST, or arms (median
+            over frames and sides) of a length outside ARM_RANGE.
         ParameterError: fps is outside FPS_RANGE.
     """
     check_rate(fps, "fps")
@@ -66,8 +66,8 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
     ])
     if not ARM_RANGE[0] <= arm <= ARM_RANGE[1]:
         raise ClipError(
-            f"{path}: an arm is {arm:.3g} m long, people's are in [{ARM_RANGE[0]:g}, "
-            f"{ARM_RANGE[1]:g}] m; the file is damaged or in another unit"
+            f"{path}: an arm is {arm:.3g} m long, wanted [{ARM_RANGE[0]:g}, {ARM_RANGE[1]:g}] m "
+            "(noise is in metres); the file is damaged or in another unit"
         )
     points.setflags(write=False)
     return Clip(clip_name(path), float(fps), points)

@@ -39,14 +39,13 @@ def table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
 
     Raises:
         ClipError: with file and line: other columns, no rows, a short or long row, a key
-            that is there twice, an unprintable character, broken quoting, no newline at the end.
+            that is there twice, an unprintable character, broken quoting. A last line without an
+            end is read like any other.
     """
     try:
         text = read_bytes(path, limit=SMALL_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
         raise ClipError(f"{path}: not UTF-8 text: {error}") from None
-    if text and not text.endswith(("\n", "\r")):
-        raise ClipError(f"{path}: the last line has no end; if the list is whole, add a newline")
     reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
     try:
         rows = list(reader)
