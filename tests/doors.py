@@ -3,8 +3,10 @@
 A door says which good files there are, how they are read, and what must hold of a file that was
 read although it is broken: its own grammar, looked up again in the bytes by simpler means than
 the reader's, and numbers within the ranges that the reader promises. What is written with
-checksums (tables, shards, models) must read as a good file to the last bit, or not at all. As a program (doors.py DOOR FIRST COUNT FOLDER) it runs in a process of its own, so
-that a reader may crash, hang or eat memory without taking the tests along.
+checksums (tables, shards, models) must read as a good file to the last bit, or not at all.
+
+As a program (doors.py DOOR FIRST COUNT FOLDER) it runs in a process of its own, so that a reader
+may crash, hang or eat memory without taking the tests along.
 """
 
 import csv

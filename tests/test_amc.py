@@ -196,7 +196,7 @@ def test_an_angle_of_no_joint_is_refused(tmp_path, skeleton, angle):
 def test_a_person_of_a_size_that_only_a_wrong_unit_gives_is_refused(tmp_path, length, arm):
     text = asf().replace("length 0.0254", f"length {length}")
     skeleton = read_asf(write(tmp_path / "a.asf", text))
-    why = f"an arm is {arm} m long, wanted \\[0.05, 5\\] m .*; the file is damaged or in another unit"
+    why = f"an arm is {arm} m long, wanted \\[0.05, 5\\] m .*; the file is damaged or in another un"
     with pytest.raises(ClipError, match=why):
         one(tmp_path, skeleton, amc({}))
 

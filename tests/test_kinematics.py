@@ -1,5 +1,8 @@
 """The kernels' kinematics against pinocchio, the skeleton's definition, algebra and differences."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -21,7 +24,10 @@ from worlds import (
 from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch, compiled
+from s3le.machine import Machine
 from s3le.robot import certificate
+from s3le.robot.model import load
+from s3le.robot.pairs import all_pairs
 from s3le.skeleton import NECKS, POINTS, features
 
 ALGEBRA = 1e-12  # [m] or [-], float64
@@ -159,8 +165,36 @@ def test_no_point_moves_farther_than_its_levers_and_angles_allow(seed, far):
         assert np.linalg.norm(there[at] - here[at]) <= allowed + ALGEBRA, role
 
 
-def test_a_pose_that_is_not_finite_has_a_skeleton_that_is_not():
+PLACES = st.tuples(*[st.floats(-1, 1)] * 3)  # [m]
+AXES = PLACES.filter(lambda axis: np.linalg.norm(axis) > 0.1)
 
+
+@settings(deadline=None, max_examples=15)
+@given(
+    first=st.tuples(PLACES, st.tuples(*[st.floats(-4, 4)] * 3), AXES),
+    second=st.tuples(PLACES, AXES),
+    q=st.lists(st.floats(-30, 30), min_size=4, max_size=4),
+)  # fmt: skip
+def test_any_two_joints_put_the_hand_where_pinocchio_does(first, second, q):
+    place, rpy, axis = (" ".join(map(repr, part)) for part in first)
+    place2, axis2 = (" ".join(map(repr, part)) for part in second)
+    urdf = edited(
+        ARMS_URDF,
+        ('<origin xyz="0 -0.2 0.5"/><axis xyz="1 0 0"/>',
+         f'<origin xyz="{place}" rpy="{rpy}"/><axis xyz="{axis}"/>'),
+        ('<origin xyz="0 0 -0.3"/><axis xyz="1 0 0"/>',
+         f'<origin xyz="{place2}"/><axis xyz="{axis2}"/>'),
+    )  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        robot = load(write_arms(Path(folder), urdf=urdf))
+        made = Machine(robot, tuple(all_pairs(robot)), 0.0, "midpoint")
+        theirs = certificate.point_positions(robot, np.array(q))
+    ours = batch.points(made.chain, np.array([q]))[0]
+    for role, where in zip(robot.points, theirs, strict=True):
+        assert ours[POINTS.index(role)] == pytest.approx(where, abs=ALGEBRA), role
+
+
+def test_a_pose_that_is_not_finite_has_a_skeleton_that_is_not():
     made = coman()
     q = inside_limits(made, 3, 12)
     q[1, made.robot.joint_names.index("WaistYaw")] = np.nan

@@ -256,6 +256,29 @@ def test_nt_xent_lies_between_perfect_and_perverse(n, d, seed, tau):
     assert value <= math.log1p((2 * n - 2) * math.exp(2 / tau)) + 1e-12
 
 
+@pytest.mark.parametrize("name", ["reconstruction", "consensus", "consensus_normalised"])
+@settings(max_examples=15, deadline=None)
+@given(**ROWS, share=st.floats(0.01, 0.99))
+def test_equal_pairs_cost_nothing_and_nearer_ones_less(name, n, d, seed, share):
+    a, b = rows(seed, n, d), rows(seed + 1, n, d)
+    nearer = (1 - share) * b + share * a
+    same, near, far = (GRADED[name](*tensors(a, other)).item() for other in (a, nearer, b))
+    assert same == 0.0
+    if name != "consensus_normalised":  # there the size of the latents counts too
+        assert near == pytest.approx((1 - share) ** 2 * far, rel=1e-9)
+    assert near > 0.0
+
+
+@settings(max_examples=15, deadline=None)
+@given(**ROWS, tau=st.floats(0.05, 3.0), sizes=st.tuples(*[st.floats(1e-3, 1e3)] * 2))
+def test_nt_xent_sees_directions_alone(n, d, seed, tau, sizes):
+    a, b = rows(seed, n, d), rows(seed + 1, n, d)
+    here, there = (
+        losses.nt_xent(*tensors(s * a, t * b), tau).item() for s, t in ((1.0, 1.0), sizes)
+    )
+    assert there == pytest.approx(here, rel=1e-9, abs=1e-12)
+
+
 @settings(max_examples=15, deadline=None)
 @given(**ROWS, beta=st.floats(0, 100))
 def test_beta_scales_what_it_weighs(n, d, seed, beta):

@@ -49,7 +49,7 @@ def test_a_list_may_end_without_a_newline_but_not_within_a_row(tmp_path):
     path = tmp_path / "cut.csv"
     path.write_text(text)
     assert manifest.manifest(path, columns)[0] == dict(zip(columns, map(str, row), strict=True))
-    for lost, why in ((1, "is no asf_sha256"), (30, "is no asf_sha256"), (65, "a row has 6 values")):
+    for lost, why in ((1, "no asf_sha256"), (30, "no asf_sha256"), (65, "a row has 6 values")):
         path.write_text(text[:-lost])
         with pytest.raises(ClipError, match=f"cut.csv:2: .*{why}"):
             manifest.manifest(path, columns)

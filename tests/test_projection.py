@@ -315,8 +315,25 @@ def test_any_finite_pose_is_projected_to_a_feasible_one_that_stays(q):
     assert np.array_equal(project(made, found.q).q, found.q)
 
 
-def test_the_anchor_stays_where_it_is():
+@settings(deadline=None, max_examples=25)
+@given(
+    seed=st.integers(0, 2**31), alpha=st.floats(0, 8), margin=st.sampled_from([0.0, MARGIN, 0.012]),
+    name=st.sampled_from(["coman", "coman_authors"]),
+)  # fmt: skip
+def test_a_projection_keeps_any_margin_and_leaves_a_pose_that_only_needs_clipping(
+    seed, alpha, margin, name
+):
+    made = coman(margin, name)
+    q = relaxed(made, 5, seed, alpha)
+    found = project(made, q)
+    made.certifier().require(found.q, margin)
+    assert ((made.robot.lower <= found.q) & (found.q <= made.robot.upper)).all()
+    clipped = np.clip(q, made.robot.lower, made.robot.upper)
+    free = batch.clearances(made.chain, clipped) >= margin
+    assert np.array_equal(found.q[free], clipped[free])  # to the bit
 
+
+def test_the_anchor_stays_where_it_is():
     made = coman()
     found = project(made, made.robot.anchor[None])
     assert np.array_equal(found.q[0], made.robot.anchor) and found.how[0] == SAME

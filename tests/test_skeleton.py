@@ -242,6 +242,24 @@ def test_turning_a_person_any_way_turns_every_bone_alike(seed, neck):
 
 @settings(deadline=None, max_examples=40)
 @given(
+    seed=SEEDS, size=st.floats(1e-2, 1e3), yaw=st.floats(-10, 10),
+    place=st.tuples(*[st.floats(-1e3, 1e3)] * 3), neck=st.sampled_from(skeleton.NECKS),
+)  # fmt: skip
+def test_a_skeleton_is_the_same_wherever_whatever_size_and_whichever_way(
+    seed, size, yaw, place, neck
+):
+    points = people(3, seed)
+    points -= points[:, :1]
+    moved = yawed(size * points, yaw) + np.array(place)
+    x, x_moved = (features(face_forward(p)[0], neck)[0] for p in (points, moved))
+    # a coordinate of 1e3 m has 1e-13 m of rounding, the shortest bone here some 1e-4 m
+    assert np.allclose(x, x_moved, rtol=0, atol=1e-7)
+    both = skeleton.mirror_points(face_forward(moved)[0])
+    assert np.allclose(features(both, neck)[0], mirror(x), rtol=0, atol=1e-7)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
     values=st.lists(
         st.one_of(st.floats(-1e4, 1e4), st.sampled_from([np.nan, np.inf, -np.inf, 0.0, 1e-320])),
         min_size=30, max_size=30,
