@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import field, fields
 from difflib import get_close_matches
 from math import isfinite
@@ -234,4 +234,5 @@ def _note_time(name: str, seconds: float) -> None:
         times = {}  # the first stage of a fresh checkout, or a file cut short: start it anew
     times = times if isinstance(times, dict) else {}
     times[name] = {"seconds": round(seconds, 2), "processors": len(os.sched_getaffinity(0))}
-    write_json(times, TIMING)
+    with suppress(OSError):  # the results are there
+        write_json(times, TIMING)

@@ -6,7 +6,6 @@ to unpickle, nothing to lose beside it. Identical weights and configuration give
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -18,6 +17,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
 from s3le.errors import ModelError
+from s3le.files import replace
 from s3le.models import METHODS, AleModel, SharedLatent, Sizes, build
 
 Model = SharedLatent | AleModel
@@ -30,20 +30,15 @@ def write_tensors(path: Path, tensors: Mapping[str, torch.Tensor], note: dict[st
     """Write tensors and a JSON note as one file; readers see the old file or the whole new one.
 
     Args:
-        path: file to write; its folder must exist.
+        path: file to write; its folder is made if need be.
         tensors: name -> tensor, on any device.
         note: what JSON can hold; stored with sorted keys.
     """
-    path = Path(path)
     still = {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
     note = json.loads(json.dumps(note, allow_nan=False))  # as it will be read
     text = json.dumps(note | {SUM: _sum(still, note)}, sort_keys=True)
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
-        file.write(save(still, metadata={"note": text}))  # one key: header order is fixed
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)
+    data = save(still, metadata={"note": text})  # one key: header order is fixed
+    replace(path, lambda part: part.write_bytes(data))
 
 
 def read_tensors(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from s3le import store
 from s3le.errors import RobotError
+from s3le.files import replace
 from s3le.kernels import chain
 from s3le.robot import pairs
 from s3le.robot.certificate import Certifier, point_positions
@@ -105,7 +106,9 @@ def write(machine: Machine, folder: Path) -> None:
     description = machine.robot.description
     source = description.source.read_text(encoding="utf-8")
     local = source.replace(description.urdf_name, description.urdf.name)
-    shutil.copyfile(description.urdf, folder / description.urdf.name)
+    replace(
+        folder / description.urdf.name, lambda part: shutil.copyfile(description.urdf, part)
+    )
     store.write_text(local, folder / ROBOT_FILE)
     store.write_json({"margin": machine.margin, "neck": machine.neck}, folder / SETTINGS)
     bodies = machine.robot.bodies

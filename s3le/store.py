@@ -8,7 +8,6 @@ folder of them with a manifest (s3le/engine makes those); `read` takes either.
 import hashlib
 import io
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -18,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from s3le.errors import TableError
+from s3le.files import replace
 from s3le.tables.schema import Table
 
 MANIFEST = "manifest.json"
@@ -310,22 +310,3 @@ def read_csv(path: Path, stage: str) -> list[dict]:
         raise TableError(f"{path} is missing; write it with: dvc repro {stage}") from None
     except pl.exceptions.PolarsError as error:
         raise TableError(f"{path} is not CSV ({error}); write it with: dvc repro {stage}") from None
-
-
-def replace(path: Path, fill) -> None:
-    """Let fill(part) write a file beside path, then put it in path's place in one step."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        fill(part)
-        with part.open("rb") as handle:
-            os.fsync(handle.fileno())
-        os.replace(part, path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)  # the new name too outlives a power cut
-        finally:
-            os.close(folder)
-    finally:
-        part.unlink(missing_ok=True)

@@ -8,6 +8,7 @@ import matplotlib
 import numpy as np
 import pytest
 
+from s3le import files
 from s3le.errors import ParameterError
 from s3le.report import bars, curves, maps, page, solid, spaces, strip, style
 from s3le.robot import model
@@ -104,7 +105,7 @@ def test_a_failed_save_leaves_the_old_picture_and_no_scrap(tmp_path, monkeypatch
     def refuse(*_):
         raise OSError("disk full")
 
-    monkeypatch.setattr(style.os, "replace", refuse)
+    monkeypatch.setattr(files.os, "replace", refuse)
     with pytest.raises(OSError, match="disk full"):
         curves.draw(path, {})
     assert path.read_bytes() == b"old"
