@@ -1,15 +1,19 @@
 """Files that appear whole or not at all: the one way in which this project puts a file in place."""
 
 import os
+import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+
+_PART = re.compile(r"\..+\.([0-9]{1,9})\.part")  # as replace names it: file, process
 
 
 def replace(path: Path, fill: Callable[[Path], object]) -> None:
     """Let fill(part) write a file beside path, then put it in path's place in one step.
 
-    Whatever ends this process, path is what it was or the whole new file. What a process that is
-    gone has left beside path is cleared away.
+    Whatever ends this process, path is what it was or the whole new file. What processes that are
+    gone have left in its folder is cleared away.
 
     Args:
         path: where; the folder is made if need be.
@@ -20,7 +24,7 @@ def replace(path: Path, fill: Callable[[Path], object]) -> None:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    _clear(path)
+    _clear(path.parent.resolve())
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         fill(part)
@@ -36,14 +40,20 @@ def replace(path: Path, fill: Callable[[Path], object]) -> None:
         part.unlink(missing_ok=True)
 
 
-def _clear(path: Path) -> None:
-    """Remove the parts of path that nobody writes any more."""
-    for left in path.parent.iterdir():
-        number = left.name.removeprefix(f".{path.name}.").removesuffix(".part")
-        if left.name == f".{path.name}.{number}.part" and number.isdecimal():
-            try:
-                os.kill(int(number), 0)
-            except ProcessLookupError:
-                left.unlink(missing_ok=True)
-            except OSError:
-                pass  # somebody else's process: it lives
+@cache
+def _clear(folder: Path) -> None:
+    """Remove the parts in a folder that nobody writes any more; once in a process."""
+    for left in folder.iterdir():
+        found = _PART.fullmatch(left.name)
+        if found and left.is_file() and not _lives(int(found[1])):
+            left.unlink(missing_ok=True)
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # somebody else's
+        return True
+    return True

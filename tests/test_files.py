@@ -33,8 +33,8 @@ def test_what_a_killed_process_left_is_cleared_away_and_nothing_else(tmp_path):
     ended = subprocess.Popen(["true"])
     ended.wait()
     alive, gone = os.getppid(), ended.pid
-    others = [f".a.txt.{alive}.part", f".b.txt.{gone}.part", ".a.txt.old.part", "a.part"]
-    for name in [f".a.txt.{gone}.part", *others]:
+    others = [f".a.txt.{alive}.part", ".a.txt.old.part", "a.part", f"a.{gone}.part"]
+    for name in [f".a.txt.{gone}.part", f".b.txt.{gone}.part", *others]:
         (tmp_path / name).write_text("scrap")
     replace(tmp_path / "a.txt", lambda part: part.write_text("new"))
     assert names(tmp_path) == sorted(["a.txt", *others])
