@@ -162,6 +162,15 @@ def word(dice: random.Random, data: bytes, _: bytes) -> bytes:
     return data[: at.start()] + dice.choice(odd) + data[at.end() :]
 
 
+def rename(dice: random.Random, data: bytes, _: bytes) -> bytes:
+    """A word replaced by another one of the file or an odd one, wherever it stands."""
+    words = WORD.findall(data)
+    if not words:
+        return data
+    own, other = dice.choice(words), dice.choice(words)[:200]
+    return data.replace(own, dice.choice((other, other, own.swapcase(), own + b"_", b"x")))
+
+
 def recode(dice: random.Random, data: bytes, _: bytes) -> bytes:
     """The text in another encoding, or bytes that are no text in it."""
     text = data.decode("latin-1")
@@ -239,8 +248,8 @@ def exchange(dice: random.Random, data: bytes, other: bytes) -> bytes:
 
 KINDS: tuple[Kind, ...] = (
     cut, cut_the_end, behead, flip, flip, junk, move_bytes, move_pieces, move_pieces, no_number,
-    no_number, scale, lie, binary_lie, word, recode, nul, long_line, many_lines, nest, repeat,
-    line_ends, splice, exchange,
+    no_number, scale, lie, binary_lie, word, rename, recode, nul, long_line, many_lines, nest,
+    repeat, line_ends, splice, exchange,
 )  # fmt: skip
 
 

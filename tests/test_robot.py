@@ -413,6 +413,10 @@ URDF_REFUSALS = {
         [("<robot", "<!DOCTYPE robot [<!ENTITY a 'a'>]><robot")],
         "arms.urdf: a DOCTYPE is not read; write its entities out",
     ),
+    "another kind of file": (
+        [('<robot name="arms"', '<sdf name="arms"'), ("</robot>", "</sdf>")],
+        "arms.urdf: its root is <sdf>, wanted <robot> (and no xmlns)",
+    ),
     "shape nowhere": ([('xyz="0 0 -0.15"', 'xyz="0 nan -0.15"')], LOST),
     "negative radius": (
         [('radius="0.04"', 'radius="-0.04"')],

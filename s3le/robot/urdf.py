@@ -41,8 +41,8 @@ def elements(path: Path) -> ElementTree.Element:
     """The elements of a URDF, once no name in it is a slip of one that matters.
 
     Raises:
-        RobotError: not well-formed, too long, with a DOCTYPE, a misspelt name, or an element
-            twice where one is read.
+        RobotError: not well-formed, too long, with a DOCTYPE, of another root, a misspelt name,
+            or an element twice where one is read.
     """
     with path.open("rb") as stream:
         data = stream.read(LARGEST + 1)
@@ -54,6 +54,8 @@ def elements(path: Path) -> ElementTree.Element:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise RobotError(f"{path}: not well-formed XML ({error})") from None
+    if root.tag != "robot":
+        raise RobotError(f"{path}: its root is <{root.tag}>, wanted <robot> (and no xmlns)")
     links, joints = root.findall("link"), root.findall("joint")
     bodies = root.findall("link/collision")
     for item in [root, *links, *joints, *bodies, *root.iterfind("link/collision/geometry")]:
