@@ -222,7 +222,7 @@ def _frame_of(table: Table, path: Path, source: object, robot: str | None) -> pl
     try:
         table.check(frame)
     except TableError as error:
-        raise TableError(f"{path}: {error}") from None
+        raise TableError(f"{path}: {error}; {_again(table)}") from None
     return frame
 
 

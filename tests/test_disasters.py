@@ -194,7 +194,7 @@ def without_metadata(rows: pa.Table) -> pa.Table:
 @pytest.mark.parametrize(
     ("edit", "why"),
     [
-        (lower_one_clearance, "clearance"),
+        (lower_one_clearance, "rule 'collision_free' fails on 1 of"),
         (without_metadata, "is not a 'mocap_pairs' table"),
         (b"\0", "is not readable as Parquet"),
     ],
@@ -211,7 +211,7 @@ def test_a_table_edited_by_hand_is_refused_and_made_anew(here, edit, why):
     line = in_one_line(shell(here, *command("index@skeleton_pairs")))
     assert line.startswith("TableError: data/mocap_pairs.parquet") and why in line
     assert line.endswith("write it with: dvc repro pair")
-    assert ran(good(here, "dvc", "repro", "pair")) == {"pair"}
+    assert "pair" in ran(good(here, "dvc", "repro", "pair"))
     assert files(here, ["pair"]) == calm
 
 
@@ -219,7 +219,7 @@ def test_rows_in_another_order_are_seen_by_dvc(here):
     path, calm = here / "data" / "mocap_pairs.parquet", files(here, ["pair"])
     pq.write_table(another_row_order(pq.read_table(path)), path)
     assert "data/mocap_pairs.parquet" in good(here, "dvc", "status", "pair")
-    assert ran(good(here, "dvc", "repro", "pair")) == {"pair"}
+    assert "pair" in ran(good(here, "dvc", "repro", "pair"))
     assert files(here, ["pair"]) == calm
 
 
@@ -231,7 +231,7 @@ def test_a_lock_of_another_commit_gives_this_commit_s_bytes(here):
     assert other != calm
     good(here, "git", "checkout", "-q", "params.yaml")  # dvc.lock and tables stay the other's
     assert "pair" in good(here, "dvc", "status", "pair")
-    assert ran(good(here, "dvc", "repro", "pair")) == {"pair"}
+    assert "pair" in ran(good(here, "dvc", "repro", "pair"))
     assert files(here, FIRST) == calm
 
 
