@@ -3,6 +3,9 @@
 LONGEST = 4000  # characters of a refusal
 
 
+LONGEST = 4000  # characters of a refusal
+
+
 class S3leError(Exception):
     """Base of every error this project raises on purpose.
 

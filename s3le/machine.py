@@ -106,7 +106,9 @@ def write(machine: Machine, folder: Path) -> None:
     description = machine.robot.description
     source = description.source.read_text(encoding="utf-8")
     local = source.replace(description.urdf_name, description.urdf.name)
-    replace(folder / description.urdf.name, lambda part: shutil.copyfile(description.urdf, part))
+    replace(
+        folder / description.urdf.name, lambda part: shutil.copyfile(description.urdf, part)
+    )
     store.write_text(local, folder / ROBOT_FILE)
     store.write_json({"margin": machine.margin, "neck": machine.neck}, folder / SETTINGS)
     bodies = machine.robot.bodies

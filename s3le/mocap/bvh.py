@@ -35,9 +35,8 @@ from s3le.skeleton import POINTS
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "cmu": 0.0254 / 0.45}  # [m] per file unit
 ARM_RANGE = (0.3, 0.9)  # [m] shoulder to wrist, of a child and of a giant
 REST_ARM = np.cos(np.radians(20.0))  # least |y| of the arms' directions in a T-pose
-_CHANNELS = {
-    f"{axis}{kind}": (kind, i) for i, axis in enumerate("xyz") for kind in ("position", "rotation")
-}
+_CHANNELS = {f"{axis}{kind}": (kind, i) for i, axis in enumerate("xyz") for kind in
+             ("position", "rotation")}
 _CHUNK = 2**20  # [bytes] of frames split and converted at a time, which bounds their memory
 _KEYWORDS = {"ROOT", "JOINT", "End", "OFFSET", "CHANNELS", "}"}
 
@@ -286,9 +285,8 @@ def _rate(path: Path | str, line: int, word: bytes) -> float:
     step = number(path, line, word, "Frame Time")
     low, high = FPS_RANGE
     if not 1.0 / high <= step <= 1.0 / low:
-        raise refusal(
-            path, line, f"Frame Time must be in [{1 / high:g}, {1 / low:g}] s, got {shown(word)}"
-        )
+        raise refusal(path, line, f"Frame Time must be in [{1 / high:g}, {1 / low:g}] s, "
+                                  f"got {shown(word)}")
     mantissa, _, exponent = word.lower().partition(b"e")
     digits = len(mantissa.partition(b".")[2]) - int(exponent or 0)
     whole = max(1, round(1.0 / step))
@@ -307,9 +305,8 @@ def _points(path: Path | str, joints: list[Joint]) -> Match:
     if found.doubled:
         raise refusal(path, None, f"more than one joint is called {listed(found.doubled)}")
     for side in "rl":
-        chain = [
-            found.joints[p] for p in ("hip", f"{side}_shoulder", f"{side}_elbow", f"{side}_hand")
-        ]
+        chain = [found.joints[p] for p in ("hip", f"{side}_shoulder", f"{side}_elbow",
+                                           f"{side}_hand")]
         for above, below in zip(chain, chain[1:], strict=False):
             parent = joints[below].parent
             while parent not in (above, -1):
@@ -322,28 +319,22 @@ def _points(path: Path | str, joints: list[Joint]) -> Match:
 def _unit(path: Path | str, points: np.ndarray) -> float:
     """Metres per file unit, from the length of the arms in one frame (10, 3)."""
     at = {name: points[i] for i, name in enumerate(POINTS)}
-    arm = np.mean(
-        [
-            np.linalg.norm(at[f"{s}_elbow"] - at[f"{s}_shoulder"])
-            + np.linalg.norm(at[f"{s}_hand"] - at[f"{s}_elbow"])
-            for s in "rl"
-        ]
-    )
+    arm = np.mean([
+        np.linalg.norm(at[f"{s}_elbow"] - at[f"{s}_shoulder"])
+        + np.linalg.norm(at[f"{s}_hand"] - at[f"{s}_elbow"])
+        for s in "rl"
+    ])
     for metres in UNITS.values():
         if ARM_RANGE[0] <= arm * metres <= ARM_RANGE[1]:
             return metres
-    raise refusal(
-        path,
-        None,
-        f"an arm is {arm:g} units long, which is no arm in {', '.join(UNITS)}; give the unit",
-    )
+    raise refusal(path, None, f"an arm is {arm:g} units long, which is no arm in "
+                              f"{', '.join(UNITS)}; give the unit")
 
 
 def _z_up(points: np.ndarray, joints: list[Joint], found: Match) -> np.ndarray:
     """Points (n, 10, 3) with z up and x forward, from y up or, where the file says so, z up."""
     rest = joint_positions(
-        [joint._replace(channels=()) for joint in joints],
-        np.zeros((1, 0)),
+        [joint._replace(channels=()) for joint in joints], np.zeros((1, 0)),
         {found.joints["hip"], found.joints["neck"]},
     )
     trunk = (rest[found.joints["neck"]] - rest[found.joints["hip"]])[0]
