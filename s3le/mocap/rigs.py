@@ -53,7 +53,9 @@ _WORDS = ("Right", "Left")
 FAMILIES = (
     Family("cgspeed", ("Hips",), ("Neck",), _ARMS, _WORDS, "LHipJoint", True),
     Family("LAFAN1 or Mixamo", ("Hips",), ("Neck",), _ARMS, _WORDS, ""),
-    Family("cgspeed 3dsMax", ("Hips",), ("lowerneck", "Neck"), _COLLARS, _WORDS, "lowerneck", True),
+    Family(
+        "cgspeed 3dsMax", ("Hips",), ("lowerneck", "Neck"), _COLLARS, _WORDS, "lowerneck", True
+    ),
     Family("Collar-style", ("Hips",), ("Neck",), _COLLARS, _WORDS, "LeftCollar"),
     Family("cgspeed DAZ", ("hip",), ("neck",), _DAZ, ("r", "l"), "lThigh", True),
     Family("Bandai-Namco", ("Hips",), ("Neck",), _BANDAI, ("R", "L"), "UpperLeg_L"),
