@@ -235,7 +235,7 @@ def _read(file: BinaryIO) -> tuple[str, np.ndarray, np.ndarray]:
     left = os.fstat(file.fileno()).st_size - file.tell()
     if not (1 <= n <= MOST and d >= 1 and size == left):
         raise ValueError(f"{left} bytes of numbers, {size} wanted; cut off or changed")
-    links = np.empty((n, degree), np.int32)
+    links = graphs.aligned((n, degree), np.int32)
     stored = np.empty((n, d), np.float32)
     digest = hashlib.sha256()
     for array in (links, stored):

@@ -10,6 +10,7 @@ order in which a processor adds. The best few are then compared by their true di
 A walk sees a bounded number of rows, whatever the query. Nothing here checks its arrays.
 """
 
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -268,7 +269,7 @@ def build(stored: np.ndarray, progress: Progress | None = None) -> Graph:
         progress: called with numbers of rows done.
     """
     n = len(stored)
-    made = assemble(stored, np.full((n, DEGREE), -1, np.int32))
+    made = assemble(stored, aligned((n, DEGREE), np.int32))
     order = _insertion(n, made.pivots)
     links = np.full((n, 2 * DEGREE), -1, np.int32)  # thinned out only when twice full
     done = 1
@@ -291,25 +292,19 @@ def build(stored: np.ndarray, progress: Progress | None = None) -> Graph:
 
 
 def assemble(stored: np.ndarray, links: np.ndarray) -> Graph:
-    """The graph of these vectors with these links; the rest follows from them."""
+    """The graph of these vectors with these links, best `aligned`; the rest follows from them."""
     n, d = stored.shape
     low, high = stored.min(axis=0).astype(float), stored.max(axis=0).astype(float)
     centre, width = (low + high) / 2.0, high - low
     # From a query at one end of the code's room to a row at the other end of all rows.
-    farthest = _ROOM * float(np.linalg.norm(width))
+    farthest = _ROOM * math.sqrt(math.fsum(width * width))  # the same on every machine
     scale = _FARTHEST / farthest if farthest > 0.0 else 1.0
-    codes = _aligned((n, -(-d // _LANES) * _LANES), np.int16)
-    codes[:] = 0
-    for i in range(0, n, _MOST):
-        part = slice(i, i + _MOST)
-        codes[part, :d] = np.rint((stored[part] - centre) * scale)
+    stored = np.ascontiguousarray(stored, np.float32)
+    codes = aligned((n, -(-d // _LANES) * _LANES), np.int16)
+    _encode(stored, centre, scale, codes)
     pivots = np.unique(np.linspace(0, n - 1, min(n, PIVOTS)).astype(np.int32))
-    lined = _aligned(links.shape, np.int32)
-    lined[:] = links
-    return Graph(
-        codes, lined, pivots, codes[pivots], np.ascontiguousarray(stored, np.float32),
-        centre, (_ROOM - 0.5) * width, np.array([scale]),
-    )  # fmt: skip
+    reach = (_ROOM - 0.5) * width
+    return Graph(codes, links, pivots, codes[pivots], stored, centre, reach, np.array([scale]))
 
 
 def _all(pool: ThreadPoolExecutor, work: Callable, calls: list[tuple]) -> None:
@@ -320,7 +315,7 @@ def _all(pool: ThreadPoolExecutor, work: Callable, calls: list[tuple]) -> None:
         list(pool.map(lambda call: work(*call), calls))
 
 
-def _aligned(shape: tuple[int, int], dtype: type) -> np.ndarray:
+def aligned(shape: tuple[int, int], dtype: type) -> np.ndarray:
     """An array that begins where a line of the cache does, so that rows do not straddle lines."""
     size = shape[0] * shape[1] * np.dtype(dtype).itemsize
     room = np.empty(size + 64, np.uint8)
@@ -336,6 +331,14 @@ def _insertion(n: int, pivots: np.ndarray) -> np.ndarray:
     mixed ^= mixed >> np.uint64(29)
     mixed[pivots] = 0
     return np.argsort(mixed, kind="stable").astype(np.int32)
+
+
+@compiled
+def _encode(stored, centre, scale, codes):
+    codes[:] = 0
+    for i in range(len(stored)):
+        for j in range(stored.shape[1]):
+            codes[i, j] = np.int16(np.rint((np.float64(stored[i, j]) - centre[j]) * scale))
 
 
 @compiled
