@@ -7,9 +7,10 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import field, fields
 from difflib import get_close_matches
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,14 @@ import psutil
 import typer
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
+from ruamel.yaml.events import AliasEvent
 from tqdm import tqdm
 
 from s3le.errors import ParameterError, S3leError
 from s3le.store import write_json
 
 PARAMS = Path("params.yaml")
+LARGEST = 32 * 2**10  # [bytes] of it; ours has six thousand
 TIMING = Path("reports/timing.json")
 
 
@@ -52,14 +55,21 @@ def read(params: type, path: Path = PARAMS) -> Any:
     """Read and check one class of parameters; refuse the first wrong one by name.
 
     Raises:
-        ParameterError: params.yaml is missing or not YAML, or a key of this class or its section
-            is missing, unknown, of the wrong type or out of its range.
+        ParameterError: params.yaml is missing, too long or not YAML, or a key of this class or
+            its section is missing, unknown, of the wrong type or out of its range.
     """
     try:
-        tree = YAML(typ="safe").load(path)  # YAML 1.2, as DVC reads it: 1e-3 is a float
+        with path.open("rb") as stream:
+            data = stream.read(LARGEST + 1)
+        if len(data) > LARGEST:
+            raise ParameterError(f"{path} is longer than the {LARGEST / 1024:g} KiB that are read")
+        text = data.decode("utf-8")
+        if any(isinstance(event, AliasEvent) for event in YAML(typ="safe").parse(text)):
+            raise ParameterError(f"{path}: YAML aliases (*name) are not read; write the value out")
+        tree = YAML(typ="safe").load(text)  # YAML 1.2, as DVC reads it: 1e-3 is a float
     except FileNotFoundError:
         raise ParameterError(f"{path} is missing here; run from the project's folder") from None
-    except YAMLError as error:
+    except (YAMLError, ValueError, RecursionError) as error:
         raise ParameterError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(tree, dict):
         raise ParameterError(f"{path} holds no mapping of parameters")
@@ -82,7 +92,7 @@ def read(params: type, path: Path = PARAMS) -> Any:
 
 
 def _checked(path: Path, where: str, f: Any, value: Any) -> Any:
-    if f.type is float and type(value) is int:
+    if f.type is float and type(value) is int and abs(value) < 2**63:
         value = float(value)  # `-S alpha=1` writes an int
     if one_of := f.metadata["one_of"]:
         if value not in one_of:
@@ -94,6 +104,12 @@ def _checked(path: Path, where: str, f: Any, value: Any) -> Any:
         return value
     low, high = f.metadata["range"]
     inside = type(value) is f.type and (f.type not in (int, float) or low <= value <= high)
+    if f.type is int:
+        inside = inside and abs(value) < 2**63
+    if f.type is float:
+        inside = inside and isfinite(value)
+    if f.type is str:
+        inside = inside and value.isprintable() and 0 < len(value) < 1000
     if not inside:
         span = f" in [{low:g}, {high:g}]" if f.type in (int, float) else ""
         raise ParameterError(f"{path}: {where} must be {f.type.__name__}{span}, got {value!r}")
@@ -218,4 +234,5 @@ def _note_time(name: str, seconds: float) -> None:
         times = {}  # the first stage of a fresh checkout, or a file cut short: start it anew
     times = times if isinstance(times, dict) else {}
     times[name] = {"seconds": round(seconds, 2), "processors": len(os.sched_getaffinity(0))}
-    write_json(times, TIMING)
+    with suppress(OSError):  # the results are there
+        write_json(times, TIMING)

@@ -4,8 +4,8 @@ One safetensors file holds the weights and, in its header, the configuration as 
 to unpickle, nothing to lose beside it. Identical weights and configuration give identical bytes.
 """
 
+import hashlib
 import json
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -17,37 +17,35 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
 from s3le.errors import ModelError
+from s3le.files import replace
 from s3le.models import METHODS, AleModel, SharedLatent, Sizes, build
 
 Model = SharedLatent | AleModel
 FORMAT = 1  # raised when a stored model can no longer be read by newer code
 ROWS = 8192  # rows per forward pass: bounds memory, costs no speed
+SUM = "sha256"  # key of a note that holds the checksum of the rest of the file
 
 
 def write_tensors(path: Path, tensors: Mapping[str, torch.Tensor], note: dict[str, Any]) -> None:
     """Write tensors and a JSON note as one file; readers see the old file or the whole new one.
 
     Args:
-        path: file to write; its folder must exist.
+        path: file to write; its folder is made if need be.
         tensors: name -> tensor, on any device.
         note: what JSON can hold; stored with sorted keys.
     """
-    path = Path(path)
     still = {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
-    text = json.dumps(note, sort_keys=True, allow_nan=False)
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
-        file.write(save(still, metadata={"note": text}))  # one key: header order is fixed
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)
+    note = json.loads(json.dumps(note, allow_nan=False))  # as it will be read
+    text = json.dumps(note | {SUM: _sum(still, note)}, sort_keys=True)
+    data = save(still, metadata={"note": text})  # one key: header order is fixed
+    replace(path, lambda part: part.write_bytes(data))
 
 
 def read_tensors(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     """Read what `write_tensors` wrote: tensors on the CPU, and the note.
 
     Raises:
-        ModelError: the file is missing, truncated, or of another kind.
+        ModelError: the file is missing, truncated, of another kind, or not as it was written.
     """
     path = Path(path)
     if not path.is_file():
@@ -55,13 +53,25 @@ def read_tensors(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     try:
         with safe_open(path, framework="pt", device="cpu") as file:
             note = json.loads((file.metadata() or {})["note"])
+            if not isinstance(note, dict):
+                raise ValueError("its note is no mapping")
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, KeyError, ValueError) as error:
+        intact = note.pop(SUM, None) == _sum(tensors, note)
+    except (SafetensorError, OSError, KeyError, ValueError, RecursionError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ModelError(f"{path} cannot be read ({reason}); train again") from None
-    if not isinstance(note, dict):
-        raise ModelError(f"{path} cannot be read (its note is no mapping); train again")
+    if not intact:
+        raise ModelError(f"{path} is not what was written (its checksum differs); train again")
     return tensors, note
+
+
+def _sum(tensors: Mapping[str, torch.Tensor], note: Mapping[str, Any]) -> str:
+    """Checksum of a note and of every tensor with its name, type and shape."""
+    digest = hashlib.sha256(json.dumps(note, sort_keys=True).encode())
+    for name, value in sorted(tensors.items()):
+        digest.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
+        digest.update(value.reshape(-1).view(torch.uint8).numpy())
+    return digest.hexdigest()
 
 
 def save_model(path: Path, model: SharedLatent | AleModel, config: Mapping[str, Any]) -> None:
@@ -127,16 +137,28 @@ def load_model(
             )
     try:
         sizes = Sizes(**config["sizes"])
+        _refuse_other_sizes(sizes, weights)
         ones = torch.ones(sizes.dim_q)
         model = build(config["method"], sizes, -ones, ones)  # true range: among the weights
         model.load_state_dict(weights)
-    except (KeyError, TypeError, RuntimeError) as error:
+    except (LookupError, TypeError, ValueError, RuntimeError, ModelError) as error:
         reason = str(error).splitlines()[0]
         raise ModelError(f"{path}: weights do not fit ({reason}); train again") from None
     for name, value in weights.items():
         if not torch.isfinite(value).all():
             raise ModelError(f"{path}: weight {name} is not finite; train again")
     return model.requires_grad_(False).eval().to(device), config
+
+
+def _refuse_other_sizes(sizes: Sizes, weights: Mapping[str, torch.Tensor]) -> None:
+    """Refuse sizes that are not those of the weights, before anything is built of such sizes."""
+    layers = sum(name.startswith("encoder_x.") and name.endswith(".weight") for name in weights)
+    hidden, dim_x = weights["encoder_x.0.weight"].shape
+    dim_q, latent = len(weights["joints.centre"]), weights["decoder_x.0.weight"].shape[1]
+    seen = {"dim_q": dim_q, "dim_x": dim_x, "latent": latent, "hidden": hidden}
+    for name, value in (seen | {"layers": layers - 1}).items():
+        if getattr(sizes, name) != value:
+            raise ValueError(f"{name} is {getattr(sizes, name)}, the weights have {value}")
 
 
 def encode_x(model: SharedLatent | AleModel, x: np.ndarray) -> np.ndarray:

@@ -65,7 +65,7 @@ def answer(
         found = np.full(len(q), -1, np.int32)
         report = checker.check(q, progress)
     else:
-        found, _ = index.look_up(*_comparable(pool, z, metric, net), progress)
+        found, _ = index.look_up(*comparable(pool, z, metric, net), progress)
         q = pool["q"][found]
         report = checker.require(q, machine.margin, progress)
     x = batch.skeletons(machine.chain, q)
@@ -98,7 +98,7 @@ def answer(
     return columns, figures
 
 
-def _comparable(
+def comparable(
     pool: Columns, z: np.ndarray, metric: str, net: artifact.Model | None
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """Stored vectors, queries, and which of index.METRICS they are to be compared by.

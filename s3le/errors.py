@@ -1,8 +1,26 @@
 """Every refusal of the library: one line each that says what, where, how much and what next."""
 
+LONGEST = 4000  # characters of a refusal
+
+
+LONGEST = 4000  # characters of a refusal
+
 
 class S3leError(Exception):
-    """Base of every error this project raises on purpose."""
+    """Base of every error this project raises on purpose.
+
+    Its text is one printable line of bounded length, whatever a file put into it.
+    """
+
+    def __str__(self) -> str:
+        """The text; what does not print is escaped, what is too long loses its middle."""
+        text = _shortened(super().__str__())
+        return _shortened("".join(c if c.isprintable() else ascii(c)[1:-1] for c in text))
+
+
+def _shortened(text: str) -> str:
+    half = LONGEST // 2
+    return text if len(text) <= LONGEST else f"{text[: half - 3]} ... {text[2 - half :]}"
 
 
 class ParameterError(S3leError):
@@ -43,3 +61,7 @@ class EngineError(S3leError):
 
 class TrajectoryError(S3leError):
     """A robot's trajectory cannot be read or used: file, row or line, value, and what is wanted."""
+
+
+class BundleError(S3leError):
+    """An exported retargeter cannot be used: a piece is missing, damaged, or of another one."""

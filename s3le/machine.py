@@ -16,6 +16,7 @@ import numpy as np
 
 from s3le import store
 from s3le.errors import RobotError
+from s3le.files import replace
 from s3le.kernels import chain
 from s3le.robot import pairs
 from s3le.robot.certificate import Certifier, point_positions
@@ -81,18 +82,18 @@ def make(robot_file: Path, margin: float, neck: str) -> Machine:
     bones = bone_vectors(np.array([[at.get(role, at["hip"]) for role in POINTS]]), neck)[0]
     for bone, length in zip(BONES, np.linalg.norm(bones, axis=1), strict=True):
         if not length > SHORTEST_BONE:
-            raise RobotError(f"robot {robot.name}: its points leave no length for {bone}")
+            raise RobotError(f"{robot_file}: its points leave no length for {bone}")
     machine = Machine(robot, tuple(pairs.all_pairs(robot)), margin, neck)
     if hit := pairs.anchor_collision(robot, list(machine.pairs)):
         raise RobotError(
-            f"robot {robot.name}: at the anchor {robot.bodies[hit.a].name} and "
+            f"{robot_file}: at the anchor {robot.bodies[hit.a].name} and "
             f"{robot.bodies[hit.b].name} overlap by {-hit.clearance * 1e3:.2f} mm; "
             "give an anchor that does not collide"
         )
     report = machine.certifier().check(robot.anchor[None])
     if not report.clearance[0] >= margin:
         raise RobotError(
-            f"robot {robot.name}: at the anchor {machine.pair_name(int(report.pair[0]))} are "
+            f"{robot_file}: at the anchor {machine.pair_name(int(report.pair[0]))} are "
             f"{report.clearance[0] * 1e3:.2f} mm apart, the margin is {margin * 1e3:g} mm; "
             "give another anchor or a smaller margin"
         )
@@ -105,7 +106,9 @@ def write(machine: Machine, folder: Path) -> None:
     description = machine.robot.description
     source = description.source.read_text(encoding="utf-8")
     local = source.replace(description.urdf_name, description.urdf.name)
-    shutil.copyfile(description.urdf, folder / description.urdf.name)
+    replace(
+        folder / description.urdf.name, lambda part: shutil.copyfile(description.urdf, part)
+    )
     store.write_text(local, folder / ROBOT_FILE)
     store.write_json({"margin": machine.margin, "neck": machine.neck}, folder / SETTINGS)
     bodies = machine.robot.bodies
@@ -153,4 +156,10 @@ def read(folder: Path) -> Machine:
         RobotError, TableError: a file is missing or damaged.
     """
     settings = store.read_json(folder / SETTINGS, "robot")
-    return make(folder / ROBOT_FILE, float(settings["margin"]), str(settings["neck"]))
+    margin, neck = settings.get("margin"), settings.get("neck")
+    if type(margin) not in (int, float) or not 0.0 <= margin < 1.0 or neck not in NECKS:
+        raise RobotError(
+            f"{folder / SETTINGS}: wanted are a margin in [0, 1) m and a neck of "
+            f"{', '.join(NECKS)}, got {margin!r} and {neck!r}; write it with: dvc repro robot"
+        )
+    return make(folder / ROBOT_FILE, float(margin), neck)

@@ -81,10 +81,10 @@ def features(points: np.ndarray, neck: str = "midpoint") -> tuple[np.ndarray, np
         Pair (x, ok): x of shape (n, 21); ok (n,) is False where a bone is shorter than
         SHORTEST_BONE or not finite, and x of that row is NaN.
     """
-    bones = bone_vectors(points, neck)
-    length = np.linalg.norm(bones, axis=2, keepdims=True)  # (n, 7, 1)
-    ok = np.all((length > SHORTEST_BONE) & np.isfinite(length), axis=(1, 2))  # NaN compares False
     with np.errstate(invalid="ignore", divide="ignore"):
+        bones = bone_vectors(points, neck)
+        length = np.linalg.norm(bones, axis=2, keepdims=True)  # (n, 7, 1)
+        ok = np.all((length > SHORTEST_BONE) & np.isfinite(length), axis=(1, 2))  # NaN: no
         x = np.where(ok[:, None, None], bones / length, np.nan)
     return x.reshape(len(x), DIM), ok
 

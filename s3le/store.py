@@ -8,7 +8,6 @@ folder of them with a manifest (s3le/engine makes those); `read` takes either.
 import hashlib
 import io
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -18,10 +17,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from s3le.errors import TableError
+from s3le.files import replace
 from s3le.tables.schema import Table
 
 MANIFEST = "manifest.json"
 _ROBOT = b"s3le.robot"
+_HOW = {"compression": "zstd", "write_page_checksum": True}  # else a flipped bit is another number
 
 
 def write(
@@ -44,13 +45,13 @@ def write(
         TableError: the rows break the contract (nothing is written).
     """
     rows = _checked(columns, table, robot, note)
-    replace(path, lambda part: pq.write_table(rows, part, compression="zstd"))
+    replace(path, lambda part: pq.write_table(rows, part, **_HOW))
 
 
 def encode(columns: Mapping[str, np.ndarray], table: Table, robot: str | None = None) -> bytes:
     """The bytes of the file that `write` would write; otherwise as `write`."""
     sink = io.BytesIO()
-    pq.write_table(_checked(columns, table, robot, None), sink, compression="zstd")
+    pq.write_table(_checked(columns, table, robot, None), sink, **_HOW)
     return sink.getvalue()
 
 
@@ -123,7 +124,13 @@ def read(
         for name in wanted:
             rows = frame[name].to_numpy()
             if name not in out:
-                out[name] = np.empty((manifest["rows"], *rows.shape[1:]), rows.dtype)
+                try:
+                    out[name] = np.empty((manifest["rows"], *rows.shape[1:]), rows.dtype)
+                except (MemoryError, ValueError):  # more than can be, or than fits
+                    raise TableError(
+                        f"{Path(path) / MANIFEST} promises {manifest['rows']} rows, which do not "
+                        f"fit into memory; {_again(table)}"
+                    ) from None
             out[name][at : at + len(rows)] = rows
         at += len(frame)
     return out
@@ -146,8 +153,11 @@ def read_manifest(table: Table, folder: Path, robot: str | None = None) -> dict:
     path = Path(folder) / MANIFEST
     manifest = read_json(path, table.stage)
     try:
-        shards = [(str(s["file"]), int(s["rows"]), str(s["sha256"])) for s in manifest["shards"]]
-        whole = manifest["rows"] == sum(rows for _, rows, _ in shards) > 0
+        shards = [(s["file"], s["rows"], s["sha256"]) for s in manifest["shards"]]
+        typed = all(tuple(map(type, shard)) == (str, int, str) for shard in shards)
+        rows = [rows for _, rows, _ in shards]
+        whole = typed and min(rows) > 0 and manifest["rows"] == sum(rows)
+        whole = whole and type(manifest["rows"]) is int
     except (KeyError, TypeError, ValueError):
         whole = False
     if not whole or any(Path(file).name != file for file, _, _ in shards):
@@ -174,7 +184,10 @@ def _shards(
     first = 0
     for shard in manifest["shards"]:
         path = Path(folder) / shard["file"]
-        data = path.read_bytes()
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise TableError(f"{path} cannot be read ({error.strerror}); {_again(table)}") from None
         if hashlib.sha256(data).hexdigest() != shard["sha256"]:
             raise TableError(
                 f"{path} is not what its manifest says (edited or damaged); {_again(table)}"
@@ -190,21 +203,26 @@ def _shards(
 def _frame_of(table: Table, path: Path, source: object, robot: str | None) -> pl.DataFrame:
     """Rows of one Parquet file, held to the contract."""
     try:
-        rows = pq.read_table(source)
-    except (pa.ArrowException, OSError) as error:
-        reason = str(error).splitlines()[0][:160]
+        rows = pq.read_table(source, page_checksum_verification=True)
+        # polars takes only text in a field's metadata, and panics at other bytes
+        bare = rows.cast(pa.schema([field.remove_metadata() for field in rows.schema]))
+    except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0][:160]
         raise TableError(f"{path} is not readable as Parquet ({reason}); {_again(table)}") from None
     about = rows.schema.metadata or {}
-    if about.get(b"s3le.table", b"").decode() != table.name:
+    if about.get(b"s3le.table", b"").decode("utf-8", "replace") != table.name:
         raise TableError(f"{path} is not a '{table.name}' table; {_again(table)}")
     if table.robot and robot:
-        made_for = about.get(_ROBOT, b"none").decode()
+        made_for = about.get(_ROBOT, b"none").decode("utf-8", "replace")
         if made_for != robot:
             raise TableError(
                 f"{path} was made for robot '{made_for}', this is '{robot}'; {_again(table)}"
             )
-    frame = pl.from_arrow(rows)
-    table.check(frame)
+    frame = pl.from_arrow(bare)
+    try:
+        table.check(frame)
+    except TableError as error:
+        raise TableError(f"{path}: {error}; {_again(table)}") from None
     return frame
 
 
@@ -223,7 +241,7 @@ def read_note(path: Path, key: str, stage: str) -> str:
         raise TableError(f"{path} is missing; {again}")
     try:
         return (pq.read_schema(path).metadata or {})[f"s3le.{key}".encode()].decode()
-    except (pa.ArrowException, OSError, KeyError) as error:
+    except (pa.ArrowException, OSError, KeyError, ValueError, MemoryError) as error:
         raise TableError(f"{path} has no note '{key}' ({error}); {again}") from None
 
 
@@ -244,13 +262,19 @@ def read_json(path: Path, stage: str) -> dict:
     """Read a mapping that a stage wrote.
 
     Raises:
-        TableError: missing or not a JSON object.
+        TableError: missing, not a JSON object, or with a key that is there twice.
     """
+
+    def once(pairs: list[tuple[str, object]]) -> dict:
+        if len(tree := dict(pairs)) < len(pairs):
+            raise ValueError("a key is there twice")
+        return tree
+
     try:
-        tree = json.loads(Path(path).read_text(encoding="utf-8"))
+        tree = json.loads(Path(path).read_text(encoding="utf-8"), object_pairs_hook=once)
     except FileNotFoundError:
         raise TableError(f"{path} is missing; write it with: dvc repro {stage}") from None
-    except ValueError as error:
+    except (ValueError, OSError, RecursionError) as error:
         again = f"write it with: dvc repro {stage}"
         raise TableError(f"{path} is not JSON ({error}); {again}") from None
     if not isinstance(tree, dict):
@@ -286,22 +310,3 @@ def read_csv(path: Path, stage: str) -> list[dict]:
         raise TableError(f"{path} is missing; write it with: dvc repro {stage}") from None
     except pl.exceptions.PolarsError as error:
         raise TableError(f"{path} is not CSV ({error}); write it with: dvc repro {stage}") from None
-
-
-def replace(path: Path, fill) -> None:
-    """Let fill(part) write a file beside path, then put it in path's place in one step."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        fill(part)
-        with part.open("rb") as handle:
-            os.fsync(handle.fileno())
-        os.replace(part, path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)  # the new name too outlives a power cut
-        finally:
-            os.close(folder)
-    finally:
-        part.unlink(missing_ok=True)

@@ -23,6 +23,8 @@ from s3le.robot.model import Robot
 BAND = 0.1  # [m], pairs farther than this over the margin do not enter a quadratic program
 SLACK = 1e-6  # [m], aimed for beyond the margin
 BIG = 1e30  # daqp's infinity
+_TAILS = ("hip", "neck", "r_shoulder", "r_elbow", "neck", "l_shoulder", "l_elbow")
+_HEADS = ("neck", "r_shoulder", "r_elbow", "r_hand", "l_shoulder", "l_elbow", "l_hand")
 
 
 class Nearest(NamedTuple):
@@ -52,6 +54,7 @@ class OneByOne:
         self._data = self._model.createData()
         self._scratch = pin.GeometryData(self._geometry)
         self._joint = np.array([body.joint + 1 for body in robot.bodies])[watched]  # (n_pairs, 2)
+        self._points, self._base = robot.points, robot.base_rotation
         self._moves = np.zeros((robot.n_dof + 1, robot.n_dof), bool)
         for joint in range(robot.n_dof):
             self._moves[joint + 1, robot.chain(joint)] = True
@@ -111,6 +114,76 @@ class OneByOne:
             else:
                 radius = 0.3 * min(radius, np.abs(s).max())
         return self._restored(q, step)
+
+    def follow(self, x: np.ndarray, start: np.ndarray, most: int = 60) -> Nearest:
+        """Feasible pose whose skeleton is near x (21,): Gauss-Newton programs from start [rad].
+
+        Minimises |x(q) - x|^2; otherwise as nearest.
+        """
+        q = np.clip(start, self.lower, self.upper)
+        goal, weight, radius = self.margin + SLACK, 1.0, 0.5
+        d, G = self.gradients(q, self.margin + BAND)
+        found, J = self.skeleton(q)
+        step = 0
+        while step < most and radius > 1e-6:
+            step += 1
+            low, high = np.maximum(self.lower - q, -radius), np.minimum(self.upper - q, radius)
+            H = J.T @ J + 1e-7 * np.eye(len(q))
+            g = J.T @ (found - x)
+            for share in (1.0, 0.5, 0.25, 0.125, 0.0):
+                h = np.where(d < goal, share, 1.0) * (goal - d)
+                s, force = _program(g, low, high, G, h, H)
+                if s is not None:
+                    break
+            if s is None or np.abs(s).max() < 1e-7:
+                break
+            weight = max(weight, 2.0 * force)
+            trial = np.clip(q + s, self.lower, self.upper)
+            d_new, G_new = self.gradients(trial, self.margin + BAND)
+            found_new, J_new = self.skeleton(trial)
+            before, after = (np.sum((v - x) ** 2) / 2 for v in (found, found_new))
+            short, short_new, left = (np.maximum(goal - v, 0).sum() for v in (d, d_new, d + G @ s))
+            hoped = -(g @ s + s @ H @ s / 2) + weight * (short - left)
+            got = before - after + weight * (short - short_new)
+            if got > 0.1 * hoped and got > 0.0:
+                q, d, G, found, J = trial, d_new, G_new, found_new, J_new
+                radius = min(2.0 * radius, 1.0) if got > 0.7 * hoped else radius
+                if got < 1e-10 and short_new <= 0.0:
+                    break
+            else:
+                radius = 0.3 * min(radius, np.abs(s).max())
+        return self._restored(q, step)
+
+    def skeleton(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The seven unit vectors, neck between the shoulders, (21,), and dx/dq, by pinocchio."""
+        pin.computeJointJacobians(self._model, self._data, q)
+        at, J = {}, {}
+        for role, point in self._points.items():
+            joint, offset = point.joint + 1, point.offset * PER_METRE
+            placed = self._data.oMi[joint]
+            whole = np.zeros((6, len(q)))
+            if joint:
+                frame = pin.LOCAL_WORLD_ALIGNED
+                whole = pin.getJointJacobian(self._model, self._data, joint, frame)
+            arm = placed.rotation @ offset
+            at[role] = placed.translation + arm
+            J[role] = whole[:3] - pin.skew(arm) @ whole[3:]
+        for map_ in (at, J):
+            map_["neck"] = (map_["r_shoulder"] + map_["l_shoulder"]) / 2
+        x, dx = [], []
+        for tail, head in zip(_TAILS, _HEADS, strict=True):
+            along = at[head] - at[tail]
+            size = np.linalg.norm(along)
+            u = along / size
+            x.append(self._base @ u)
+            dx.append(self._base @ (np.eye(3) - np.outer(u, u)) @ (J[head] - J[tail]) / size)
+        return np.concatenate(x), np.concatenate(dx)
+
+    def optimum(self, x: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """The pose nearest to x of all that are reached from starts (k, n_dof), [rad]."""
+        found = [self.follow(x, start) for start in starts]
+        feasible = [one.q for one in found if one.solved]
+        return min(feasible, key=lambda q: float(np.sum((self.skeleton(q)[0] - x) ** 2)))
 
     def gradients(self, q: np.ndarray, band: float) -> tuple[np.ndarray, np.ndarray]:
         """Distances [m] closer than band, (k,), and their gradients [m/rad], (k, n_dof)."""
@@ -192,10 +265,13 @@ def around(
     return np.clip(q + scale * rng.normal(size=(count, len(q))), lower, upper)
 
 
-def _program(g, lower, upper, G, h) -> tuple[np.ndarray | None, float]:
-    """Least 1/2 |s|^2 + g's with lower <= s <= upper, G s >= h; the largest multiplier of G."""
+def _program(g, lower, upper, G, h, H=None) -> tuple[np.ndarray | None, float]:
+    """Least 1/2 s'Hs + g's with lower <= s <= upper, G s >= h; the largest multiplier of G.
+
+    H is the identity where it is not given.
+    """
     s, _, flag, about = daqp.solve(
-        np.eye(len(g)), g, np.ascontiguousarray(G),
+        np.eye(len(g)) if H is None else H, g, np.ascontiguousarray(G),
         np.concatenate([upper, np.full(len(h), BIG)]), np.concatenate([lower, h]),
         primal_tol=1e-11,
     )  # fmt: skip

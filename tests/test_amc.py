@@ -1,4 +1,5 @@
 import json
+import time
 
 import numpy as np
 import pytest
@@ -66,9 +67,9 @@ def test_radians_in_the_motion_override_degrees_in_the_skeleton(tmp_path, skelet
 
 
 def test_the_skeletons_length_unit_scales_everything(tmp_path):
-    text = asf().replace("length 0.0254", "length 0.45")
+    text = asf().replace("length 0.0254", "length 0.045")
     clip = one(tmp_path, read_asf(write(tmp_path / "a.asf", text)), amc({}))
-    assert at(clip, 0, "hip") == pytest.approx(np.array([3, 1, 2]) / 0.45 * 0.0254, abs=1e-12)
+    assert at(clip, 0, "hip") == pytest.approx(np.array([3, 1, 2]) / 0.045 * 0.0254, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["01_01.amc", "01_01.amc.gz"])
@@ -85,7 +86,7 @@ def test_the_order_of_bones_may_change_from_frame_to_frame(tmp_path, skeleton):
     lines = amc({}, {"lhumerus": "1 2 3"}).splitlines()
     lines[-1], lines[-2] = lines[-2], lines[-1]
     want = one(tmp_path, skeleton, amc({}, {"lhumerus": "1 2 3"})).points
-    assert np.array_equal(one(tmp_path, skeleton, "\n".join(lines)).points, want)
+    assert np.array_equal(one(tmp_path, skeleton, "\n".join([*lines, ""])).points, want)
 
 
 @pytest.mark.parametrize("first", [0, 1, 731])
@@ -148,11 +149,62 @@ def test_a_frame_without_a_bone_is_refused(tmp_path, skeleton):
         one(tmp_path, skeleton, text)
 
 
+def test_a_number_of_a_million_digits_is_refused_at_once(tmp_path, skeleton):
+    begin = time.process_time()
+    with pytest.raises(ClipError, match="rradius must be a number, got '0000"):
+        one(tmp_path, skeleton, amc({"rradius": "0" * 10**6 + "x"}))
+    assert time.process_time() - begin < 1.0  # [s]
+
+
 def test_a_truncated_last_frame_is_refused(tmp_path, skeleton):
     lines = amc({}, {}, {}).splitlines(keepends=True)
     for lost in range(1, 9):
         with pytest.raises(ClipError, match="frame 3 ends without .*truncated"):
             one(tmp_path, skeleton, "".join(lines[:-lost]))
+
+
+def test_a_number_that_may_be_cut_in_two_does_not_get_in(tmp_path, skeleton, caplog):
+    text = amc({}, {"lradius": "12.53"})
+    assert text.endswith("lradius 12.53\n")
+    whole = one(tmp_path, skeleton, text).points
+    for end in ("", "\r\n", " "):  # after any of them the number is whole
+        assert np.array_equal(one(tmp_path, skeleton, text[:-1] + (end or "\n")).points, whole)
+    assert caplog.text == ""
+    for lost in range(1, 6):
+        caplog.clear()
+        read = one(tmp_path, skeleton, text[:-lost])
+        assert np.array_equal(read.points, whole[:-1])
+        (line,) = [record.getMessage() for record in caplog.records]
+        assert line.endswith("(no line end); the last of its 2 frames is left out")
+        assert "01_01.amc: nothing shows that its last number is whole" in line
+
+
+def test_a_single_frame_that_may_be_cut_in_two_is_refused(tmp_path, skeleton):
+    with pytest.raises(ClipError, match=r"and there is no other frame; a truncated file\?"):
+        one(tmp_path, skeleton, amc({}).rstrip("\n"))
+
+
+@pytest.mark.parametrize("angle", ["1e308", "-57296", "9" * 30])
+def test_an_angle_of_no_joint_is_refused(tmp_path, skeleton, angle):
+    why = r"frame 1 \(from 0\) turns a joint by .* rad, more than 1000"
+    with pytest.raises(ClipError, match=why):
+        one(tmp_path, skeleton, amc({}, {"rradius": angle}))
+    assert len(one(tmp_path, skeleton, amc({"rradius": "57295"})).points) == 1
+
+
+@pytest.mark.parametrize(("length", "arm"), [("0.28", "0.0499"), ("0.00254", "5.5")])
+def test_a_person_of_a_size_that_only_a_wrong_unit_gives_is_refused(tmp_path, length, arm):
+    text = asf().replace("length 0.0254", f"length {length}")
+    skeleton = read_asf(write(tmp_path / "a.asf", text))
+    why = f"an arm is {arm} m long, wanted \\[0.05, 5\\] m .*; the file is damaged or in another un"
+    with pytest.raises(ClipError, match=why):
+        one(tmp_path, skeleton, amc({}))
+
+
+@pytest.mark.parametrize("length", ["0.27", "0.0029"])
+def test_a_doll_and_a_giant_are_read(tmp_path, length):
+    text = asf().replace("length 0.0254", f"length {length}")
+    assert one(tmp_path, read_asf(write(tmp_path / "a.asf", text)), amc({}))
 
 
 @pytest.mark.parametrize(
@@ -208,6 +260,9 @@ def test_a_rate_that_is_none_is_refused(tmp_path, skeleton, fps):
         (":units", ":root", "section ':root' is there twice"),
         ("rhumerus rradius\n  end\n", "", "this begin has no end"),
         ("id 3", "colour 3", "'colour' is not expected here"),
+        ("  begin\n     id 2", "  begin\n  begin\n     id 2", "begin within the block of line 23"),
+        ("  end\n  begin\n     id 2", "  begin\n     id 2", "begin within the block of line 16"),
+        ("direction 0 1 0", "direction 1e308 1e308 0", "direction must be a unit vector"),
     ],
 )
 def test_a_faulty_skeleton_is_refused(tmp_path, old, new, why):

@@ -116,13 +116,27 @@ def test_a_foreign_header_is_refused(stored, note):
         artifact.load_model(stored)
 
 
-def test_weights_that_do_not_fit_the_sizes_are_refused(stored):
-    _, config = artifact.read_tensors(stored)
-    for change in ({"latent": 6}, {"latent": -1}, {"nonsense": 1}):
-        with_note(stored, {"note": json.dumps({**config, "sizes": {**config["sizes"], **change}})})
-        with pytest.raises(ModelError):
+def test_no_flipped_bit_of_a_model_goes_unseen(stored):
+    raw = stored.read_bytes()
+    size = struct.unpack("<Q", raw[:8])[0]
+    where = [8 + size + 64 * k for k in range((len(raw) - 8 - size) // 64)]  # of the weights
+    where += [raw.index(b"tau") + 8, raw.index(b"abc")]  # and of the configuration
+    for at in where:
+        damaged = bytearray(raw)
+        damaged[at] ^= 1
+        stored.write_bytes(damaged)
+        with pytest.raises(ModelError, match="its checksum differs|cannot be read"):
             artifact.load_model(stored)
-    with_note(stored, {"note": json.dumps({**config, "method": "ale"})})
+
+
+def test_weights_that_do_not_fit_the_sizes_are_refused(stored):
+    weights, config = artifact.read_tensors(stored)
+    for change in ({"latent": 6}, {"latent": -1}, {"hidden": 10**6}, {"layers": 10**9}, {"a": 1}):
+        sizes = {**config["sizes"], **change}
+        artifact.write_tensors(stored, weights, {**config, "sizes": sizes})
+        with pytest.raises(ModelError, match="weights do not fit"):
+            artifact.load_model(stored)
+    artifact.write_tensors(stored, weights, {**config, "method": "ale"})
     with pytest.raises(ModelError, match="weights do not fit"):
         artifact.load_model(stored)
 
@@ -132,8 +146,8 @@ def test_another_method_robot_or_format_is_refused(stored):
         artifact.load_model(stored, method="ale")
     with pytest.raises(ModelError, match="has robot_hash 'abc', 'xyz' is wanted; train again"):
         artifact.load_model(stored, robot_hash="xyz")
-    _, config = artifact.read_tensors(stored)
-    with_note(stored, {"note": json.dumps({**config, "format": 99})})
+    weights, config = artifact.read_tensors(stored)
+    artifact.write_tensors(stored, weights, {**config, "format": 99})
     with pytest.raises(ModelError, match="has format 99, this code reads 1; train again"):
         artifact.load_model(stored)
 

@@ -8,6 +8,7 @@ from s3le.errors import ClipError, ParameterError
 from s3le.mocap.amc import read_amc, read_asf
 from s3le.mocap.bvh import UNITS, read_bvh
 from s3le.mocap.rigs import match
+from s3le.mocap.text import MOST_LINES
 from s3le.skeleton import POINTS, face_forward, features
 
 ORDERS = ["".join(order) for order in itertools.permutations("XYZ")]
@@ -255,6 +256,8 @@ def test_an_elbow_that_does_not_hang_on_its_shoulder_is_refused(tmp_path):
         ("CHANNELS 6", "CHANNELS 7", "walk.bvh:6: no channel of this joint: 'JOINT'"),
         ("CHANNELS 6", "CHANNELS 5", "walk.bvh:5: expected JOINT or End or }, got 'Xrotation'"),
         ("CHANNELS 6", "CHANNELS 99999999999999999999", "number of channels must be a whole"),
+        ("JOINT LeftUpLeg", "JOINT Left}UpLeg", "walk.bvh:7: no name of a joint: 'Left}UpLeg'"),
+        ("\n0 0 0 0", "\n0 0 0 1e9", r"frame 0 \(from 0\) turns a joint by 1.74533e\+07 rad"),
         ("OFFSET 0.1", "OFFSET nan", r"walk.bvh:8: OFFSET must be a number, got 'nan'"),
         ("Frames: 2", "Frames: 3", "Frames: 3, but the file has 2; a truncated file"),
         ("Frames: 2", "Frames: 999999999999999", "but the file has 2"),
@@ -281,6 +284,45 @@ def test_every_cut_through_a_file_is_refused_or_ends_in_the_last_number(tmp_path
     for end in range(len(text)):
         with pytest.raises(ClipError):
             one(tmp_path, text[:end])
+
+
+def test_a_frame_whose_last_number_has_fewer_decimals_than_the_others_does_not_get_in(
+    tmp_path, caplog
+):
+    rows = [[f"{value:.6f}" for value in row] for row in (ZERO, MOVING)]
+    head = bvh([ZERO, MOVING]).partition("Frame Time")[0] + "Frame Time: 0.01\n"
+    text = head + "\n".join(map(" ".join, rows))
+    whole = one(tmp_path, text).points
+    assert len(whole) == 2  # although the last line has no end
+    assert len(one(tmp_path, text[:-3] + "\n").points) == 2 and caplog.text == ""
+    for lost in range(1, 8):
+        caplog.clear()
+        assert np.array_equal(one(tmp_path, text[:-lost]).points, whole[:1])
+        assert "fewer decimals than all others (no line end); the last of its 2" in caplog.text
+    with pytest.raises(ClipError, match="a frame takes 12 values, got 11"):
+        one(tmp_path, text[:-8].rstrip())
+
+
+def test_a_frame_of_a_million_characters_is_read_and_one_without_end_is_not(tmp_path):
+    text = bvh([ZERO, MOVING])
+    last = text.rstrip("\n").rindex(" ")
+    assert len(one(tmp_path, text[:last] + " " * 2**20 + text[last:]).points) == 2
+    with pytest.raises(ClipError, match=r"bvh:\d+: longer than the 4 MiB of a line that are read"):
+        one(tmp_path, text[:last] + " 1" * 2**21 + text[last:])
+
+
+def test_more_lines_than_any_motion_has_are_refused_before_they_take_memory(tmp_path):
+    for ends in (b"\n", b"\r"):
+        data = bvh([ZERO]).encode() + (b"a" + ends) * (MOST_LINES + 1)
+        with pytest.raises(ClipError, match="more than the 8388608 lines that are read"):
+            one(tmp_path, data)
+
+
+def test_a_motion_is_converted_in_runs_of_bounded_size(tmp_path, monkeypatch):
+    want = one(tmp_path, bvh([MOVING] * 5)).points
+    for size in (1, 100, 10**9):
+        monkeypatch.setattr("s3le.mocap.bvh._CHUNK", size)
+        assert np.array_equal(one(tmp_path, bvh([MOVING] * 5)).points, want)
 
 
 def test_no_damaged_file_does_anything_but_read_or_be_refused(tmp_path):

@@ -58,10 +58,10 @@ def test_the_table_says_what_dvc_yaml_says(key, promised):
 def test_alpha_and_tau_rerun_what_the_paper_says_depends_on_them(promised):
     assert promised["alpha"][1] == {
         "sample", "coverage", "train@s3le", "index@s3le", "index@skeleton_all",
-        "evaluate@s3le", "evaluate@skeleton_all", "metrics", "report",
+        "evaluate@s3le", "evaluate@skeleton_all", "metrics", "report", "export",
     }  # fmt: skip
     assert promised["tau"][1] == {
-        "train@s3le", "index@s3le", "evaluate@s3le", "metrics", "report",
+        "train@s3le", "index@s3le", "evaluate@s3le", "metrics", "report", "export",
     }  # fmt: skip
 
 

@@ -1,7 +1,12 @@
 """The kernels' kinematics against pinocchio, the skeleton's definition, algebra and differences."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from worlds import (
     ARMS_URDF,
     ARMS_YAML,
@@ -19,7 +24,10 @@ from worlds import (
 from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch, compiled
+from s3le.machine import Machine
 from s3le.robot import certificate
+from s3le.robot.model import load
+from s3le.robot.pairs import all_pairs
 from s3le.skeleton import NECKS, POINTS, features
 
 ALGEBRA = 1e-12  # [m] or [-], float64
@@ -125,6 +133,65 @@ def test_a_whole_turn_changes_nothing():
     turned = q + 2 * np.pi * np.random.default_rng(11).integers(-3, 4, q.shape)
     here, there = (batch.skeletons(made.chain, pose) for pose in (q, turned))
     assert np.allclose(here, there, rtol=0, atol=ALGEBRA)
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 2**31), joint=st.integers(0, 10), step=st.floats(-4, 4))
+def test_a_joint_moves_what_hangs_on_it_and_nothing_else(seed, joint, step):
+    made = coman()
+    q = np.repeat(relaxed(made, 1, seed), 2, axis=0)
+    q[1, joint] += step
+    here, there = batch.points(made.chain, q)
+    for role, point in made.robot.points.items():
+        if joint not in made.robot.chain(point.joint):
+            at = POINTS.index(role)
+            assert np.array_equal(here[at], there[at]), role  # to the bit
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 2**31), far=st.floats(0, 7))
+def test_no_point_moves_farther_than_its_levers_and_angles_allow(seed, far):
+    made = coman()
+    q = np.repeat(relaxed(made, 1, seed), 2, axis=0)
+    q[1] += far * np.random.default_rng(seed).uniform(-1, 1, q.shape[1])
+    here, there = batch.points(made.chain, q)
+    turned = np.abs(q[1] - q[0])  # [rad]
+    for role, point in made.robot.points.items():
+        lever, allowed = np.linalg.norm(point.offset), 0.0  # [m]
+        for joint in made.robot.chain(point.joint)[::-1]:
+            allowed += lever * turned[joint]
+            lever += np.linalg.norm(made.robot.joints[joint].translation)
+        at = POINTS.index(role)
+        assert np.linalg.norm(there[at] - here[at]) <= allowed + ALGEBRA, role
+
+
+PLACES = st.tuples(*[st.floats(-1, 1)] * 3)  # [m]
+AXES = PLACES.filter(lambda axis: np.linalg.norm(axis) > 0.1)
+
+
+@settings(deadline=None, max_examples=15)
+@given(
+    first=st.tuples(PLACES, st.tuples(*[st.floats(-4, 4)] * 3), AXES),
+    second=st.tuples(PLACES, AXES),
+    q=st.lists(st.floats(-30, 30), min_size=4, max_size=4),
+)  # fmt: skip
+def test_any_two_joints_put_the_hand_where_pinocchio_does(first, second, q):
+    place, rpy, axis = (" ".join(map(repr, part)) for part in first)
+    place2, axis2 = (" ".join(map(repr, part)) for part in second)
+    urdf = edited(
+        ARMS_URDF,
+        ('<origin xyz="0 -0.2 0.5"/><axis xyz="1 0 0"/>',
+         f'<origin xyz="{place}" rpy="{rpy}"/><axis xyz="{axis}"/>'),
+        ('<origin xyz="0 0 -0.3"/><axis xyz="1 0 0"/>',
+         f'<origin xyz="{place2}"/><axis xyz="{axis2}"/>'),
+    )  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        robot = load(write_arms(Path(folder), urdf=urdf))
+        made = Machine(robot, tuple(all_pairs(robot)), 0.0, "midpoint")
+        theirs = certificate.point_positions(robot, np.array(q))
+    ours = batch.points(made.chain, np.array([q]))[0]
+    for role, where in zip(robot.points, theirs, strict=True):
+        assert ours[POINTS.index(role)] == pytest.approx(where, abs=ALGEBRA), role
 
 
 def test_a_pose_that_is_not_finite_has_a_skeleton_that_is_not():

@@ -204,3 +204,85 @@ GRADED = {
 def test_gradients_match_finite_differences(name):
     a, b = (t.requires_grad_(True) for t in tensors(rows(4, 4, 3), rows(5, 4, 3)))
     assert torch.autograd.gradcheck(GRADED[name], (a, b), eps=1e-6, atol=1e-6)
+
+
+# --- laws for any rows
+
+ROWS = {"n": st.integers(2, 6), "d": st.integers(1, 5), "seed": st.integers(0, 2**31)}
+OF_PAIRS = {name: f for name, f in GRADED.items() if not name.startswith(("prior", "kl", "mmd"))}
+
+
+def turn(seed, d):
+    return np.linalg.qr(rows(seed, d, d))[0]
+
+
+@pytest.mark.parametrize("name", [n for n in GRADED if n != "mmd"])  # unbiased: may be negative
+@settings(max_examples=15, deadline=None)
+@given(**ROWS, scale=st.floats(0, 1e3))
+def test_no_loss_is_negative_or_infinite(name, n, d, seed, scale):
+    a, b = rows(seed, n, d, scale), rows(seed + 1, n, d, min(scale, 30.0))  # b: log-variances too
+    value = GRADED[name](*tensors(a, b)).item()
+    assert -1e-12 <= value < math.inf
+
+
+@pytest.mark.parametrize("name", OF_PAIRS)
+@settings(max_examples=15, deadline=None)
+@given(**ROWS)
+def test_losses_of_pairs_care_neither_which_side_is_first_nor_in_which_order_pairs_come(
+    name, n, d, seed
+):
+    a, b = rows(seed, n, d), rows(seed + 1, n, d)
+    order = np.random.default_rng(seed).permutation(n)
+    sides = ((a, b), (b, a), (a[order], b[order]))
+    values = [OF_PAIRS[name](*tensors(*pair)).item() for pair in sides]
+    assert values == pytest.approx([values[0]] * 3, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["reconstruction", "mmd", "consensus", "nt_xent"])
+@settings(max_examples=15, deadline=None)
+@given(**ROWS)
+def test_a_turn_of_all_latents_changes_no_loss_of_distances_or_angles(name, n, d, seed):
+    a, b = rows(seed, n, d), rows(seed + 1, n, d)
+    turned = [v @ turn(seed, d) for v in (a, b)]
+    here, there = (GRADED[name](*tensors(*pair)).item() for pair in ((a, b), turned))
+    assert there == pytest.approx(here, rel=1e-9, abs=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(**ROWS, tau=st.floats(0.05, 3.0))
+def test_nt_xent_lies_between_perfect_and_perverse(n, d, seed, tau):
+    value = losses.nt_xent(*tensors(rows(seed, n, d), rows(seed + 1, n, d)), tau).item()
+    assert math.log1p((2 * n - 2) * math.exp(-2 / tau)) - 1e-12 <= value
+    assert value <= math.log1p((2 * n - 2) * math.exp(2 / tau)) + 1e-12
+
+
+@pytest.mark.parametrize("name", ["reconstruction", "consensus", "consensus_normalised"])
+@settings(max_examples=15, deadline=None)
+@given(**ROWS, share=st.floats(0.01, 0.99))
+def test_equal_pairs_cost_nothing_and_nearer_ones_less(name, n, d, seed, share):
+    a, b = rows(seed, n, d), rows(seed + 1, n, d)
+    nearer = (1 - share) * b + share * a
+    same, near, far = (GRADED[name](*tensors(a, other)).item() for other in (a, nearer, b))
+    assert same == 0.0
+    if name != "consensus_normalised":  # there the size of the latents counts too
+        assert near == pytest.approx((1 - share) ** 2 * far, rel=1e-9)
+    assert near > 0.0
+
+
+@settings(max_examples=15, deadline=None)
+@given(**ROWS, tau=st.floats(0.05, 3.0), sizes=st.tuples(*[st.floats(1e-3, 1e3)] * 2))
+def test_nt_xent_sees_directions_alone(n, d, seed, tau, sizes):
+    a, b = rows(seed, n, d), rows(seed + 1, n, d)
+    here, there = (
+        losses.nt_xent(*tensors(s * a, t * b), tau).item() for s, t in ((1.0, 1.0), sizes)
+    )
+    assert there == pytest.approx(here, rel=1e-9, abs=1e-12)
+
+
+@settings(max_examples=15, deadline=None)
+@given(**ROWS, beta=st.floats(0, 100))
+def test_beta_scales_what_it_weighs(n, d, seed, beta):
+    a, b = tensors(rows(seed, n, d), rows(seed + 1, n, d))
+    for loss in (losses.prior_discriminator, lambda p, e, beta: losses.mmd(e, p, 6.0, beta)):
+        want = beta * loss(a, b, 1.0).item()
+        assert loss(a, b, beta).item() == pytest.approx(want, rel=1e-12, abs=1e-12)

@@ -133,7 +133,7 @@ def test_an_anchor_that_collides_is_refused_with_the_pair(tmp_path):
     with pytest.raises(RobotError) as refusal:
         machine.make(write_arms(tmp_path, inward), MARGIN, "midpoint")
     assert str(refusal.value) == (
-        "robot arms: at the anchor body_0 and r_lower_0 overlap by 39.68 mm; "
+        f"{tmp_path / 'arms.yaml'}: at the anchor body_0 and r_lower_0 overlap by 39.68 mm; "
         "give an anchor that does not collide"
     )
 
@@ -151,7 +151,7 @@ def test_an_anchor_closer_than_the_margin_is_refused_with_the_pair(tmp_path):
     with pytest.raises(RobotError) as refusal:
         machine.make(write_arms(tmp_path), 0.5, "midpoint")
     assert re.fullmatch(
-        r"robot arms: at the anchor \w+ and \w+ are \d+\.\d\d mm apart, the margin is 500 mm; "
+        r".*/arms.yaml: at the anchor \w+ and \w+ are \d+\.\d\d mm apart, the margin is 500 mm; "
         "give another anchor or a smaller margin",
         str(refusal.value),
     )
@@ -186,7 +186,8 @@ def test_a_robot_of_which_no_pair_is_left_is_refused(tmp_path):
     urdf = re.sub(r"<collision>.*?</collision>", "", ARMS_URDF, count=4, flags=re.DOTALL)
     with pytest.raises(RobotError) as refusal:
         machine.make(write_arms(tmp_path, urdf=urdf), MARGIN, "midpoint")
-    assert str(refusal.value) == "robot arms: no pair of bodies is left to watch at this anchor"
+    file = tmp_path / "arms.yaml"
+    assert str(refusal.value) == f"{file}: no pair of bodies is left to watch at this anchor"
 
 
 def test_the_readable_list_names_every_pair_with_its_reason(tmp_path):

@@ -1,10 +1,6 @@
-"""The pipeline itself, run by dvc on a tiny configuration in a folder of its own.
-
-Clips are made here, so nothing is fetched: the paths of a run are what is tested, not its numbers.
-"""
+"""The pipeline itself, run by dvc on a tiny configuration in a folder of its own (see tiny)."""
 
 import json
-import math
 import os
 import random
 import shutil
@@ -16,78 +12,12 @@ from pathlib import Path
 import handmade
 import psutil
 import pytest
-from dag import ROOT, readers_and_reruns
+from dag import readers_and_reruns
 from dvc.repo import Repo
 from ruamel.yaml import YAML
+from tiny import environment, good, ran, set_params, shell, swing
 
 pytestmark = pytest.mark.slow
-TINY = {
-    "skeletons": {"domain_rows": 300},
-    "pair": {"rows": 30},
-    "sample": {"rows": 300},
-    "poses": {"rows": 100},
-    "coverage": {"rows": 200},
-    "truth": {"starts": 2},
-    "train": {"hidden": 16, "latent": 6, "history_every": 2},
-    "s3le": {"steps": 4, "batch": 16, "batch_pairs": 8, "batch_domain": 16},
-    "lwl2": {"steps": 4, "batch_pairs": 8, "batch_domain": 16},
-    "ale": {"steps": 4, "batch_pairs": 8, "batch_domain": 16},
-    "synthetic": {"seeds": 2, "points": 60, "steps": 3, "batch": 8, "hidden": 8, "grid": 5},
-    "report": {"strip_frames": 2},
-}
-STAGES = 27
-
-
-def swing(path: Path, phase: float, frames: int) -> None:
-    """A human of DeepMimic's who swings both arms and bends the elbows."""
-    rows = []
-    for k in range(frames):
-        t = phase + 2 * math.pi * k / frames
-        half = 0.5 * math.sin(t)
-        right = [math.cos(half), math.sin(half), 0.0, 0.0]
-        left = [math.cos(half), 0.0, 0.0, math.sin(half)]
-        elbow = 0.8 + 0.6 * math.cos(t)
-        rows.append({25: right, 29: [elbow], 39: left, 43: [elbow]})
-    handmade.write(path, handmade.deepmimic(*rows))
-
-
-def environment(folder: Path) -> dict[str, str]:
-    return os.environ | {
-        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-        "PYTHONPATH": str(folder),  # this folder's code, whatever is installed
-        "DVC_NO_ANALYTICS": "1",
-        "GIT_AUTHOR_NAME": "t", "GIT_AUTHOR_EMAIL": "t@t",
-        "GIT_COMMITTER_NAME": "t", "GIT_COMMITTER_EMAIL": "t@t",
-    }  # fmt: skip
-
-
-def shell(folder: Path, *command: str) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        command, cwd=folder, env=environment(folder), capture_output=True, text=True, check=False
-    )
-
-
-def good(folder: Path, *command: str) -> str:
-    done = shell(folder, *command)
-    assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
-    return done.stdout + done.stderr
-
-
-def ran(output: str) -> set[str]:
-    marks = [line for line in output.splitlines() if line.startswith("Running stage '")]
-    return {line.split("'")[1] for line in marks}
-
-
-def set_params(folder: Path, tree: dict) -> None:
-    yaml = YAML()
-    path = folder / "params.yaml"
-    params = yaml.load(path)
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            params[key].update(value)
-        else:
-            params[key] = value
-    yaml.dump(params, path)
 
 
 def hashes(folder: Path) -> set[str]:
@@ -98,31 +28,6 @@ def hashes(folder: Path) -> set[str]:
 
 def table(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in (folder / "data" / "kinematic_pairs").iterdir()}
-
-
-@pytest.fixture(scope="module")
-def project(tmp_path_factory):
-    """A copy of the project after one whole run, committed."""
-    folder = tmp_path_factory.mktemp("project")
-    listed = subprocess.run(
-        ["git", "ls-files", "-co", "--exclude-standard"],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    ).stdout.split("\n")  # fmt: skip
-    for name in filter(None, listed):
-        if not name.startswith(("reports/", "tests/")) and name != "dvc.lock":
-            if (ROOT / name).is_file():
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(ROOT / name, folder / name)
-    clips = folder / "data" / "clips" / "mine"
-    for k, split in enumerate(("train", "train", "test", "test")):
-        swing(clips / split / f"swing_{k}.txt", 0.7 * k, 12 + k)
-    set_params(folder, TINY | {"clips": "mine"})
-    good(folder, "git", "init", "-q")
-    output = good(folder, "dvc", "repro")
-    assert len(ran(output)) == STAGES
-    good(folder, "git", "add", "-A")
-    good(folder, "git", "commit", "-qm", "first run")
-    return folder
 
 
 @pytest.fixture

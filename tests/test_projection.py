@@ -4,6 +4,8 @@ import functools
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from reference import OneByOne, around, search
 from worlds import (
     ARMS_YAML,
@@ -299,6 +301,36 @@ def test_nasty_poses_are_projected_to_feasible_ones(name, make):
     found = project(made, q)
     made.certifier().require(found.q, made.margin)
     assert np.array_equal(project(made, found.q).q, found.q)
+
+
+ANGLES = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(deadline=None, max_examples=60)
+@given(q=st.lists(ANGLES | st.floats(-4, 4), min_size=11, max_size=11))
+def test_any_finite_pose_is_projected_to_a_feasible_one_that_stays(q):
+    made = coman()
+    found = project(made, np.array([q]))
+    made.certifier().require(found.q, made.margin)
+    assert np.array_equal(project(made, found.q).q, found.q)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    seed=st.integers(0, 2**31), alpha=st.floats(0, 8), margin=st.sampled_from([0.0, MARGIN, 0.012]),
+    name=st.sampled_from(["coman", "coman_authors"]),
+)  # fmt: skip
+def test_a_projection_keeps_any_margin_and_leaves_a_pose_that_only_needs_clipping(
+    seed, alpha, margin, name
+):
+    made = coman(margin, name)
+    q = relaxed(made, 5, seed, alpha)
+    found = project(made, q)
+    made.certifier().require(found.q, margin)
+    assert ((made.robot.lower <= found.q) & (found.q <= made.robot.upper)).all()
+    clipped = np.clip(q, made.robot.lower, made.robot.upper)
+    free = batch.clearances(made.chain, clipped) >= margin
+    assert np.array_equal(found.q[free], clipped[free])  # to the bit
 
 
 def test_the_anchor_stays_where_it_is():

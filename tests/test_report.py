@@ -8,8 +8,9 @@ import matplotlib
 import numpy as np
 import pytest
 
+from s3le import files
 from s3le.errors import ParameterError
-from s3le.report import bars, curves, maps, page, solid, spaces, strip, style
+from s3le.report import bars, curves, growth, maps, page, solid, spaces, strip, style
 from s3le.robot import model
 from s3le.robot.certificate import placements
 
@@ -104,7 +105,7 @@ def test_a_failed_save_leaves_the_old_picture_and_no_scrap(tmp_path, monkeypatch
     def refuse(*_):
         raise OSError("disk full")
 
-    monkeypatch.setattr(style.os, "replace", refuse)
+    monkeypatch.setattr(files.os, "replace", refuse)
     with pytest.raises(OSError, match="disk full"):
         curves.draw(path, {})
     assert path.read_bytes() == b"old"
@@ -274,6 +275,25 @@ def test_bodies_that_never_move_are_the_ones_that_stand_still(coman):
     np.testing.assert_array_equal(strip._still(row), still)
     assert not strip._still(row._replace(ends=ends[:1])).any()  # one pose does not tell
     np.testing.assert_array_equal(strip._still(row._replace(ends=ends[:1], still=still)), still)
+
+
+@pytest.mark.parametrize("spaces", [("s3le", "skeleton"), ("skeleton",), ()])
+def test_growth_is_the_same_picture_twice(tmp_path, spaces):
+    rows = [
+        {"space": space, "search": search, "rows": n, "us_p50": n * slope + 9.0, "us_p99": n * 1.0}
+        for space in spaces
+        for search, slope in (("exact", 0.01), ("walk", 1e-5))
+        for n in (1_000_000, 10_000)
+    ]
+    assert twice(tmp_path, lambda path: growth.draw(path, rows, "a note")) == (1140, 690)
+
+
+@pytest.mark.parametrize(
+    ("us", "words"),
+    [(7.23, "7.2 µs"), (99.7, "100 µs"), (999.6, "1 ms"), (12_345.0, "12 ms"), (2e6, "2 s")],
+)
+def test_a_time_has_the_unit_that_fits(us, words):
+    assert growth.time_of(us) == words
 
 
 def test_strip_takes_one_moment_a_missing_pose_and_nothing(tmp_path, coman):

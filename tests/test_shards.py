@@ -170,6 +170,11 @@ def rewrite(out: Path, change) -> None:
     (out / "manifest.json").write_text(json.dumps(manifest))
 
 
+def lies_about_its_last_shard(manifest):
+    manifest["shards"][-1]["rows"] = 10**15
+    manifest["rows"] = sum(shard["rows"] for shard in manifest["shards"])
+
+
 def test_an_edited_shard_is_refused(made):
     part = made / "part-000001.parquet"
     data = bytearray(part.read_bytes())
@@ -197,12 +202,18 @@ def test_shards_in_another_order_are_refused(made):
         (lambda m: m.update(robot="g1 123"), "was made for robot 'g1 123', this is 'coman"),
         (lambda m: m.update(table="index"), "is not about a 'robot_poses' table"),
         (lambda m: m.update(rows=701), "is no manifest of shards"),
+        (lambda m: m.update(rows=700.0), "is no manifest of shards"),
+        (lambda m: m["shards"][0].update(rows=300.0), "is no manifest of shards"),
+        (lambda m: m["shards"][0].update(rows=float("inf")), "is no manifest of shards"),
+        (lambda m: m["shards"][1].update(rows=-300), "is no manifest of shards"),
+        (lies_about_its_last_shard, "do not fit into memory"),
         (lambda m: m.pop("shards"), "is no manifest of shards"),
         (lambda m: m["shards"][0].update(file="../x.parquet"), "is no manifest of shards"),
         (lambda m: m["shards"][0].pop("sha256"), "is no manifest of shards"),
     ],
-    ids=["another robot", "another table", "rows", "no shards", "path", "no hash"],
-)
+    ids=["another robot", "another table", "rows", "rows no integer", "shard's rows no integer",
+         "infinite rows", "negative rows", "rows beyond memory", "no shards", "path", "no hash"],
+)  # fmt: skip
 def test_a_manifest_of_something_else_is_refused(made, change, words):
     rewrite(made, change)
     assert words in refusal(made)

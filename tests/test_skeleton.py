@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 from handmade import SHARED
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from worlds import people, yawed
 
 from s3le import skeleton
@@ -211,3 +213,83 @@ def test_unit_vectors_of_an_independent_reader_are_reproduced_from_its_joint_pos
         assert ok.all(), trial
         vectors = np.array(want["unit_vectors_mid_neck"]).reshape(-1, 21)
         assert np.allclose(x, vectors, rtol=0, atol=1e-8), trial  # [-], the oracle has 9 digits
+
+
+# --- laws for any input
+
+
+def turned(seed: int) -> np.ndarray:
+    """A rotation, (3, 3), uniform over all of them."""
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))
+
+
+def skeletons(seed: int, n: int) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(n, 21))
+
+
+SEEDS = st.integers(0, 2**31)
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=SEEDS, neck=st.sampled_from(skeleton.NECKS))
+def test_turning_a_person_any_way_turns_every_bone_alike(seed, neck):
+    points, turn = people(3, seed), turned(seed)
+    x = features(points, neck)[0].reshape(-1, 7, 3)
+    assert np.allclose(features(points @ turn.T, neck)[0].reshape(-1, 7, 3), x @ turn.T, atol=1e-11)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    seed=SEEDS, size=st.floats(1e-2, 1e3), yaw=st.floats(-10, 10),
+    place=st.tuples(*[st.floats(-1e3, 1e3)] * 3), neck=st.sampled_from(skeleton.NECKS),
+)  # fmt: skip
+def test_a_skeleton_is_the_same_wherever_whatever_size_and_whichever_way(
+    seed, size, yaw, place, neck
+):
+    points = people(3, seed)
+    points -= points[:, :1]
+    moved = yawed(size * points, yaw) + np.array(place)
+    x, x_moved = (features(face_forward(p)[0], neck)[0] for p in (points, moved))
+    # a coordinate of 1e3 m has 1e-13 m of rounding, the shortest bone here some 1e-4 m
+    assert np.allclose(x, x_moved, rtol=0, atol=1e-7)
+    both = skeleton.mirror_points(face_forward(moved)[0])
+    assert np.allclose(features(both, neck)[0], mirror(x), rtol=0, atol=1e-7)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    values=st.lists(
+        st.one_of(st.floats(-1e4, 1e4), st.sampled_from([np.nan, np.inf, -np.inf, 0.0, 1e-320])),
+        min_size=30, max_size=30,
+    ),
+)  # fmt: skip
+def test_a_frame_is_either_seven_unit_vectors_or_marked_and_nan(values):
+    x, ok = features(np.reshape(values, (1, 10, 3)))
+    assert x.shape == (1, 21) and ok.shape == (1,)
+    if ok[0]:
+        assert np.isfinite(values)[[0, 1, 2]].all()  # the hip enters
+        assert np.allclose(np.linalg.norm(x.reshape(7, 3), axis=1), 1.0, rtol=0, atol=ALGEBRA)
+    else:
+        assert np.isnan(x).all()
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=SEEDS)
+def test_the_root_of_the_cosine_distance_is_a_metric_that_no_rotation_changes(seed):
+    a, b, c = (skeletons(seed + i, 20) for i in range(3))
+    ab, bc, ac = (cosine_distance(*pair) for pair in ((a, b), (b, c), (a, c)))
+    assert ((ab >= 0) & (ab <= 2 + ALGEBRA)).all()
+    assert (np.sqrt(ac) <= np.sqrt(ab) + np.sqrt(bc) + ALGEBRA).all()
+    turn = turned(seed)
+    both = [(v.reshape(-1, 7, 3) @ turn.T).reshape(-1, 21) for v in (a, b)]
+    assert np.allclose(cosine_distance(*both), ab, rtol=0, atol=ALGEBRA)
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=SEEDS, sizes=st.lists(st.floats(1e-100, 1e100), min_size=7, max_size=7))
+def test_the_cosine_distance_does_not_see_the_length_of_a_bone(seed, sizes):
+    a, b = skeletons(seed, 5), skeletons(seed + 1, 5)
+    longer = (a.reshape(-1, 7, 3) * np.reshape(sizes, (7, 1))).reshape(-1, 21)
+    assert np.allclose(cosine_distance(longer, b), cosine_distance(a, b), rtol=0, atol=ALGEBRA)

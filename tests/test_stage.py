@@ -20,9 +20,13 @@ class Params:
     rows: int = knob("tuples to draw", at_least=1)
     mixup: bool = knob("use mixup")
     metric: str = knob("distance", one_of=("l2", "cosine"))
+    weight: float = knob("weight", at_least=0)
+    place: str = knob("folder")
 
 
-GOOD = "alpha: 0.2\nsample:\n  rows: 5\n  mixup: true\n  metric: l2\n"
+GOOD = (
+    "alpha: 0.2\nsample:\n  rows: 5\n  mixup: true\n  metric: l2\n  weight: 3\n  place: here\n"
+)
 
 
 def given(tmp_path: Path, text: str) -> Path:
@@ -32,7 +36,9 @@ def given(tmp_path: Path, text: str) -> Path:
 
 
 def test_good_parameters_are_read(tmp_path):
-    assert read(Params, given(tmp_path, GOOD)) == Params(alpha=0.2, rows=5, mixup=True, metric="l2")
+    assert read(Params, given(tmp_path, GOOD)) == Params(
+        alpha=0.2, rows=5, mixup=True, metric="l2", weight=3.0, place="here"
+    )
 
 
 def test_an_int_serves_as_a_float_because_dvc_writes_one(tmp_path):
@@ -57,13 +63,22 @@ def test_1e_3_is_a_number(tmp_path):
         ("rows: 5", "rows: 5.5", r"sample.rows must be int in \[1, inf\], got 5.5"),
         ("rows: 5", "rows: true", r"sample.rows must be int in \[1, inf\], got True"),
         ("rows: 5", "rowz: 5", "section 'sample' has no parameter 'rowz'; did you mean rows?"),
-        ("rows: 5", "rows: 5\n  zebra: 1", "no parameter 'zebra'; it has: rows, mixup, metric"),
+        ("rows: 5", "rows: 5\n  zebra: 1", "no parameter 'zebra'; it has: rows, mixup, metric, w"),
         ("  mixup: true\n", "", r"sample.mixup is missing \(use mixup\)"),
         ("mixup: true", "mixup: 1", "sample.mixup must be bool, got 1"),
         ("metric: l2", "metric: cosin", "one of l2, cosine, got 'cosin'; did you mean cosine?"),
-        ("sample:\n  rows: 5\n  mixup: true\n  metric: l2\n", "sample: 3\n", "must be a mapping"),
+        (GOOD, "alpha: 0.2\nsample: 3\n", "must be a mapping"),
         (GOOD, "alpha: [1", "is not YAML"),
         (GOOD, "- 1", "holds no mapping"),
+        (GOOD, "alpha: &a 1\nbeta: *a\n", r"YAML aliases \(\*name\) are not read"),
+        (GOOD, "[" * 800, "is not YAML: "),
+        (GOOD, "#" * 40_000, "is longer than the 32 KiB that are read"),
+        ("alpha: 0.2", "alpha: " + "9" * 5000, "is not YAML: Exceeds the limit"),
+        ("alpha: 0.2", "alpha: " + "9" * 400, r"alpha must be float in \[0, 10\], got 999"),
+        ("rows: 5", "rows: 9223372036854775808", r"sample.rows must be int in \[1, inf\], got 922"),
+        ("weight: 3", "weight: .inf", r"sample.weight must be float in \[0, inf\], got inf"),
+        ("place: here", r'place: "a\0b"', r"sample.place must be str, got 'a\\x00b'"),
+        ("place: here", "place: ''", "sample.place must be str, got ''"),
     ],
 )
 def test_a_wrong_parameter_is_refused_by_name(tmp_path, old, new, words):

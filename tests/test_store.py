@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -154,6 +155,37 @@ def test_a_table_edited_by_hand_is_refused_when_read(tmp_path):
         store.read(TABLE, path, TAG)
 
 
+def test_no_flipped_bit_of_the_rows_goes_unseen(tmp_path):
+    path = tmp_path / "p.parquet"
+    q = np.random.default_rng(0).normal(size=(40, 3))
+    store.write(columns(40, q=q), TABLE, path, TAG)
+    data = path.read_bytes()
+    at = next(i for i in range(len(data)) if data[i : i + 8] == q[0, 0].tobytes())
+    for bit in range(64):
+        damaged = bytearray(data)
+        damaged[at + bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        with pytest.raises(TableError, match="not readable as Parquet .*(CRC|checksum)"):
+            store.read(TABLE, path, TAG)
+
+
+def test_a_rule_that_fails_in_a_file_names_the_file(tmp_path):
+    path = tmp_path / "p.parquet"
+    store.write(columns(), TABLE, path, TAG)
+    with pytest.raises(TableError) as refusal:
+        store.read(robot_poses(n_dof=3, margin=0.02), path, TAG)
+    assert str(refusal.value).startswith(f"{path}: robot_poses: rule 'collision_free' fails on 3")
+
+
+def test_words_about_a_column_that_are_no_text_do_no_harm(tmp_path):
+    path = tmp_path / "p.parquet"
+    store.write(columns(), TABLE, path, TAG)
+    rows = pq.read_table(path)
+    fields = [field.with_metadata({b"unit": b"\xff\xfe"}) for field in rows.schema]
+    pq.write_table(rows.cast(pa.schema(fields, rows.schema.metadata)), path)
+    assert store.read(TABLE, path, TAG).keys() == columns().keys()
+
+
 def test_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "p.parquet"
     store.write(columns(3), TABLE, path, TAG)
@@ -175,7 +207,10 @@ def test_json_takes_only_finite_numbers(tmp_path, value):
         store.write_json({"a": value}, tmp_path / "m.json")
 
 
-@pytest.mark.parametrize("text", ["", "[1]", "{"], ids=repr)
+@pytest.mark.parametrize(
+    "text", ["", "[1]", "{", '{"a": 1, "a": 2}', "[" * 100_000, '{"a": ' + "9" * 5000 + "}"],
+    ids=["empty", "list", "open", "twice", "deep", "endless"],
+)  # fmt: skip
 def test_damaged_json_is_refused(tmp_path, text):
     path = tmp_path / "m.json"
     path.write_text(text)

@@ -73,6 +73,6 @@ def test_the_page_counts_the_motions_that_are_won(study, tmp_path):
         study.record(run, rows_of(run, 0.2))
     tables.main()
     text = (tmp_path / "study.md").read_text()
-    assert "in 2 of 2, 2 of 2, 2 of 2 motions (by seed): 100%" in text
+    assert "| all of them | 2 of 2, 2 of 2, 2 of 2 | 100% |" in text
     assert "| base | 0.2000 | - | 0.2100 | 0.95 | 1 |" in text
     assert (tmp_path / "cmu.png").stat().st_size > 1000

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 from s3le import store
 from s3le.engine import lock
 from s3le.engine.task import Counts, Job, Made, Task
+from s3le.files import replace
 
 COMPLETE = "complete"
 
@@ -97,7 +98,7 @@ class Vault:
         """Store a shard: the file first, then its record, each whole or not at all."""
         path, record = self._paths(made.job)
         digest = hashlib.sha256(made.data).hexdigest()
-        store.replace(path, lambda part: part.write_bytes(made.data))
+        replace(path, lambda part: part.write_bytes(made.data))
         noted = {"rows": made.job.rows, "sha256": digest, "counts": made.counts}
         store.write_json(noted, record)
         return Shard(made.job, path, digest, made.counts)

@@ -29,14 +29,29 @@ _BAND = 0.10  # [m], pairs farther than this over the margin do not enter a quad
 
 @compiled
 def minimise(chain, balls, follow, x_ref, q_ref, ridge, margin, collide, steps, q, out):
+    """Improve q in place, anywhere within the joint limits; see minimise_within."""
+    minimise_within(
+        chain, balls, chain.lower, chain.upper, follow, x_ref, q_ref, ridge, margin, collide, _BAND,
+        0.0, steps, q, out,
+    )  # fmt: skip
+
+
+@compiled
+def minimise_within(
+    chain, balls, lowest, highest, follow, x_ref, q_ref, ridge, margin, collide, band, fine, steps,
+    q, out,
+):  # fmt: skip
     """Improve q in place.
 
     Args:
         chain, balls: the robot and distance.reach(chain).
+        lowest, highest: the box that q is kept in [rad], (n,), no wider than the limits.
         follow: track x_ref (21,) instead of q_ref alone.
         ridge: weight of |q - q_ref|^2 when following, > 0.
         margin: clearance wanted [m].
-        collide: keep clear of collisions and within limits; False frees the pose of both.
+        collide: keep clear of collisions and within the box; False frees the pose of both.
+        band: pairs farther than this over the margin do not enter a quadratic program [m].
+        fine: a step smaller than this in every joint is the last one [rad].
         steps: most iterations.
         q: start; receives the result, (n,).
         out: receives [objective, violation [m], iterations].
@@ -67,12 +82,12 @@ def minimise(chain, balls, follow, x_ref, q_ref, ridge, margin, collide, steps, 
 
     if collide:
         for i in range(n):
-            q[i] = min(max(q[i], chain.lower[i]), chain.upper[i])
+            q[i] = min(max(q[i], lowest[i]), highest[i])
     place(chain, q, R, p, z)
     m = 0
     if collide:
         place_capsules(chain, R, p, ends)
-        m = near_pairs(chain, ends, balls, p, z, margin + _BAND, d, G)
+        m = near_pairs(chain, ends, balls, p, z, margin + band, d, G)
     if follow:
         bones(chain, R, p, z, x, J)
     cost = _objective(follow, x, x_ref, q, q_ref, ridge)
@@ -103,8 +118,8 @@ def minimise(chain, balls, follow, x_ref, q_ref, ridge, margin, collide, steps, 
             lower[i] = -radius
             upper[i] = radius
             if collide:
-                lower[i] = max(lower[i], chain.lower[i] - q[i])
-                upper[i] = min(upper[i], chain.upper[i] - q[i])
+                lower[i] = max(lower[i], lowest[i] - q[i])
+                upper[i] = min(upper[i], highest[i] - q[i])
         share = 1.0  # of the missing distance that this step is asked for
         status = INFEASIBLE
         while True:
@@ -139,12 +154,12 @@ def minimise(chain, balls, follow, x_ref, q_ref, ridge, margin, collide, steps, 
         for i in range(n):
             trial[i] = q[i] + s[i]
             if collide:
-                trial[i] = min(max(trial[i], chain.lower[i]), chain.upper[i])
+                trial[i] = min(max(trial[i], lowest[i]), highest[i])
         place(chain, trial, R, p, z)
         m_new = 0
         if collide:
             place_capsules(chain, R, p, ends)
-            m_new = near_pairs(chain, ends, balls, p, z, margin + _BAND, d_new, G_new)
+            m_new = near_pairs(chain, ends, balls, p, z, margin + band, d_new, G_new)
         if follow:
             bones(chain, R, p, z, x, none)
         cost_new = _objective(follow, x, x_ref, trial, q_ref, ridge)
@@ -159,7 +174,7 @@ def minimise(chain, balls, follow, x_ref, q_ref, ridge, margin, collide, steps, 
                 bones(chain, R, p, z, x, J)
             if got > 0.7 * hoped:
                 radius = min(2.0 * radius, 1.0)
-            if got < 1e-12 * (1.0 + cost) and short <= 0.0:
+            if short <= 0.0 and (size < fine or got < 1e-12 * (1.0 + cost)):
                 break
         else:
             if follow:
@@ -176,6 +191,12 @@ def minimise(chain, balls, follow, x_ref, q_ref, ridge, margin, collide, steps, 
 @compiled
 def restore(chain, balls, margin, q):
     """Push q, which is nearly feasible, to margin by least-change steps; True when it is there."""
+    return restore_within(chain, balls, chain.lower, chain.upper, margin, q)
+
+
+@compiled
+def restore_within(chain, balls, lowest, highest, margin, q):
+    """Restore without leaving the box from lowest to highest [rad], (n,), that q is in."""
     n = len(q)
     R = np.empty((n + 1, 3, 3))
     p = np.empty((n + 1, 3))
@@ -199,10 +220,10 @@ def restore(chain, balls, margin, q):
             h[k] = margin + extra - d[k]
         if short <= 0.0:
             return True
-        if solve(eye, zero, chain.lower - q, chain.upper - q, G, h, m, s, most) != SOLVED:
+        if solve(eye, zero, lowest - q, highest - q, G, h, m, s, most) != SOLVED:
             return False
         for i in range(n):
-            q[i] = min(max(q[i] + s[i], chain.lower[i]), chain.upper[i])
+            q[i] = min(max(q[i] + s[i], lowest[i]), highest[i])
         extra *= 2.0
     return False
 

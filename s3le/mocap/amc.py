@@ -11,17 +11,19 @@ import numpy as np
 
 from s3le.errors import ClipError
 from s3le.mocap.asf import ROOT, Skeleton, read_asf
-from s3le.mocap.clip import Clip, make_clip
+from s3le.mocap.clip import Clip, make_clip, refuse_wild_angles
 from s3le.mocap.rotation import about, turn
 from s3le.mocap.text import (
     floats,
     integer,
+    leave_out_last,
     listed,
     number,
     read_bytes,
     refusal,
     require,
     shown,
+    split_lines,
 )
 from s3le.skeleton import POINTS
 
@@ -55,6 +57,9 @@ def cmu_rate(trial: str) -> float:
 def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
     """Read a motion and place the ten points in every frame.
 
+    The format has no count of frames, so where nothing follows the last number it may be a part
+    of one: 12.5 of 12.53. Such a file is read without its last frame, and a warning says so.
+
     Args:
         path: .amc or .amc.gz.
         skeleton: of the same person, from read_asf.
@@ -75,13 +80,18 @@ def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
         )
     data = read_bytes(path)
     require(path, data, "AMC text")
-    lines = data.splitlines()
+    lines = split_lines(path, data)
     start, degrees = _header(path, lines, skeleton)
     channels = _by_stride(lines, start, skeleton)
     if channels is None:  # not one fixed layout: read it line by line, or say where it breaks
         channels = _by_line(path, lines, start, skeleton)
+    if not data[-1:].isspace():
+        frames = len(next(iter(channels.values())))
+        leave_out_last(path, frames, "nothing shows that its last number is whole (no line end)")
+        channels = {key: values[:-1] for key, values in channels.items()}
     if degrees:
         channels = {key: np.radians(v) if key[1][0] == "r" else v for key, v in channels.items()}
+    refuse_wild_angles(path, np.stack([v for k, v in channels.items() if k[1][0] == "r"], axis=1))
     with np.errstate(over="ignore", invalid="ignore"):  # make_clip refuses what comes of it
         ends = joint_positions(skeleton, channels, set(CMU_POINTS.values()))
         points = np.stack([ends[CMU_POINTS[point]] for point in POINTS], axis=1)  # (n, 10, 3)

@@ -17,7 +17,16 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.mocap.rotation import about
-from s3le.mocap.text import SMALL_BYTES, listed, number, read_bytes, refusal, require, shown
+from s3le.mocap.text import (
+    SMALL_BYTES,
+    listed,
+    number,
+    read_bytes,
+    refusal,
+    require,
+    shown,
+    split_lines,
+)
 
 INCH = 0.0254  # [m]
 ROOT = "root"
@@ -90,7 +99,7 @@ Lines = list[tuple[int, list[bytes]]]  # line number from 1, its words
 def _sections(path: Path | str, data: bytes) -> dict[str, Lines]:
     sections: dict[str, Lines] = {}
     here: Lines | None = None
-    for line, text in enumerate(data.splitlines(), 1):
+    for line, text in enumerate(split_lines(path, data), 1):
         words = text.split()
         if not words or words[0].startswith(b"#"):
             continue
@@ -143,7 +152,7 @@ def _bone(path: Path | str, block: Lines, degrees: bool) -> tuple[int, Bone]:
     line, (name,) = found["name"]
     at, words = found["direction"]
     direction = np.array([number(path, at, word, "direction") for word in words])
-    if not 0.99 <= np.linalg.norm(direction) <= 1.01:
+    if not (np.abs(direction) <= 1.01).all() or not 0.99 <= np.linalg.norm(direction) <= 1.01:
         raise refusal(path, at, f"direction must be a unit vector, got {direction}")
     at, (word,) = found["length"]
     length = number(path, at, word, "length")
@@ -178,6 +187,8 @@ def _blocks(path: Path | str, lines: Lines) -> list[Lines]:
             blocks.append([(line, words)])
         elif words == [b"end"] and open_at:
             open_at = 0
+        elif words[0] == b"begin":
+            raise refusal(path, line, f"begin within the block of line {open_at}; no end there?")
         elif open_at:
             blocks[-1].append((line, words))
         else:

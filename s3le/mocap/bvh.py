@@ -6,6 +6,7 @@ would be wrong if it were added). Points of cgspeed files: the thorax bone is lo
 the neck lies lower than in the AMC; the pelvis points are the thighs, not the hip joints.
 """
 
+from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -13,19 +14,21 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.mocap.clip import FPS_RANGE, Clip, make_clip
+from s3le.mocap.clip import FPS_RANGE, Clip, make_clip, refuse_wild_angles
 from s3le.mocap.rigs import Match, match
 from s3le.mocap.rotation import about, turn
 from s3le.mocap.text import (
     SMALL_BYTES,
     floats,
     integer,
+    leave_out_last,
     listed,
     number,
     read_bytes,
     refusal,
     require,
     shown,
+    split_lines,
 )
 from s3le.skeleton import POINTS
 
@@ -34,7 +37,7 @@ ARM_RANGE = (0.3, 0.9)  # [m] shoulder to wrist, of a child and of a giant
 REST_ARM = np.cos(np.radians(20.0))  # least |y| of the arms' directions in a T-pose
 _CHANNELS = {f"{axis}{kind}": (kind, i) for i, axis in enumerate("xyz") for kind in
              ("position", "rotation")}
-_ROWS = 4096  # frames split and converted at a time, which bounds the memory of the words
+_CHUNK = 2**20  # [bytes] of frames split and converted at a time, which bounds their memory
 _KEYWORDS = {"ROOT", "JOINT", "End", "OFFSET", "CHANNELS", "}"}
 
 
@@ -57,6 +60,9 @@ def read_bvh(path: Path | str, fps: float | None = None, unit: str | None = None
     rest pose that cgspeed's converters put in front is dropped where it is there: root not
     rotated at all, both arms within 20 deg of the left-right axis.
 
+    A last line without a line end is read: Frames says whether it is all there. If its last
+    number alone has fewer decimals than the others, it was cut, and the last frame is left out.
+
     Args:
         path: .bvh or .bvh.gz.
         fps: frames per second [Hz], instead of the file's Frame Time, which is wrong in
@@ -76,7 +82,7 @@ def read_bvh(path: Path | str, fps: float | None = None, unit: str | None = None
         raise ParameterError(f"unit must be one of {', '.join(UNITS)}, got {unit!r}")
     data = read_bytes(path)
     require(path, data, "BVH text")
-    lines = data.splitlines()
+    lines = split_lines(path, data)
     motion = next((i for i, line in enumerate(lines) if line.strip() == b"MOTION"), None)
     if motion is None:
         raise refusal(path, len(lines), "no MOTION line; a truncated file?")
@@ -86,6 +92,12 @@ def read_bvh(path: Path | str, fps: float | None = None, unit: str | None = None
     found = _points(path, joints)
     columns = sum(len(joint.channels) for joint in joints)
     values, own_fps = _motion(path, lines, motion, columns, read_rate=fps is None)
+    if not data[-1:].isspace() and _cut_short(lines[-1].split()):
+        why = "its last number has fewer decimals than all others (no line end)"
+        leave_out_last(path, len(values), why)
+        values = values[:-1]
+    turns = [kind == "rotation" for joint in joints for kind, _ in joint.channels]
+    refuse_wild_angles(path, np.radians(values[:, turns]))
     with np.errstate(over="ignore", invalid="ignore"):  # make_clip refuses what comes of it
         places = joint_positions(joints, values, set(found.joints.values()))
         points = np.stack([places[found.joints[p]] for p in POINTS], axis=1)  # (n, 10, 3)
@@ -168,7 +180,7 @@ def _hierarchy(path: Path | str, lines: list[bytes]) -> list[Joint]:
             at += 1
         line = words[at][1]
         expect(b"{")
-        if not name or not _KEYWORDS.isdisjoint(name):
+        if not name or not _KEYWORDS.isdisjoint(name) or any("}" in part for part in name):
             raise refusal(path, line, f"no name of a joint: {shown(' '.join(name))}")
         expect(b"OFFSET")
         offset = np.array(values(3, "OFFSET"))
@@ -227,8 +239,8 @@ def _motion(
     first = head[1] + 2  # line number of rows[0]
     kept = [row for row in rows if row.strip()] if not all(rows) else rows
     parts, n = [], 0
-    for begin in range(0, len(kept), _ROWS):
-        words = list(map(bytes.split, kept[begin : begin + _ROWS]))
+    for chunk in _chunks(kept):
+        words = list(map(bytes.split, chunk))
         complete = set(map(len, words)) <= {columns, 0}  # 0: a line of blanks
         values = floats(chain.from_iterable(words)) if complete else None
         if values is None:
@@ -241,6 +253,16 @@ def _motion(
     return np.concatenate(parts).reshape(n, columns), rate
 
 
+def _chunks(rows: list[bytes]) -> Iterator[list[bytes]]:
+    """The rows in runs of about _CHUNK bytes, of one row at least."""
+    begin = size = 0
+    for end, row in enumerate(rows, 1):
+        size += len(row)
+        if size >= _CHUNK or end == len(rows):
+            yield rows[begin:end]
+            begin, size = end, 0
+
+
 def _explain(path: Path | str, rows: list[bytes], first: int, columns: int) -> NoReturn:
     """Refuse the first row, numbered from `first`, that is not `columns` numbers."""
     for line, row in enumerate(rows, first):
@@ -250,6 +272,12 @@ def _explain(path: Path | str, rows: list[bytes], first: int, columns: int) -> N
         for word in words:
             number(path, line, word, "a channel value")
     raise AssertionError("a row was refused in bulk but not by itself")
+
+
+def _cut_short(words: list[bytes]) -> bool:
+    """Whether the last of these numbers alone has fewer decimals than the others, which agree."""
+    decimals = [len(word.partition(b".")[2]) for word in words]
+    return len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]
 
 
 def _rate(path: Path | str, line: int, word: bytes) -> float:

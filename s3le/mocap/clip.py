@@ -13,8 +13,11 @@ from s3le.errors import ClipError, ParameterError
 from s3le.skeleton import POINTS
 
 FARTHEST = 1e4  # [m] a coordinate beyond this is damage or a wrong unit, not motion
+ARM_RANGE = (0.05, 5.0)  # [m] shoulder to hand, of a doll and of a giant: beyond, a wrong unit
+MOST_TURNED = 1000.0  # [rad] 160 turns; an angle beyond this is damage, not motion
 FPS_RANGE = (0.1, 10_000.0)  # [Hz]
 _ON_FRAME = 1e-6  # a sample this close to a frame, in frames, is that frame
+_ARMS = [[POINTS.index(f"{side}_{p}") for p in ("shoulder", "elbow", "hand")] for side in "rl"]
 
 
 class Clip(NamedTuple):
@@ -41,7 +44,8 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
         points: positions [m], shape (n, 10, 3).
 
     Raises:
-        ClipError: no frames, or a position that is not finite or beyond FARTHEST.
+        ClipError: no frames, a position that is not finite or beyond FARTHEST, or arms (median
+            over frames and sides) of a length outside ARM_RANGE.
         ParameterError: fps is outside FPS_RANGE.
     """
     check_rate(fps, "fps")
@@ -55,8 +59,33 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
             f"{path}: frame {frame} (from 0) puts a joint beyond {FARTHEST:g} m or nowhere; "
             "the file is damaged or in another unit"
         )
+    arm = np.median([
+        np.linalg.norm(points[:, above] - points[:, below], axis=1)
+        + np.linalg.norm(points[:, below] - points[:, hand], axis=1)
+        for above, below, hand in _ARMS
+    ])
+    if not ARM_RANGE[0] <= arm <= ARM_RANGE[1]:
+        raise ClipError(
+            f"{path}: an arm is {arm:.3g} m long, wanted [{ARM_RANGE[0]:g}, {ARM_RANGE[1]:g}] m "
+            "(noise is in metres); the file is damaged or in another unit"
+        )
     points.setflags(write=False)
     return Clip(clip_name(path), float(fps), points)
+
+
+def refuse_wild_angles(path: Path | str, angles: np.ndarray) -> None:
+    """Refuse angles [rad], shape (n, any), of which one is beyond MOST_TURNED.
+
+    Raises:
+        ClipError: names the frame and the angle.
+    """
+    wild = ~(np.abs(angles) <= MOST_TURNED)
+    if wild.any():
+        frame, column = np.argwhere(wild)[0]
+        raise ClipError(
+            f"{path}: frame {frame} (from 0) turns a joint by {angles[frame, column]:g} rad, more "
+            f"than {MOST_TURNED:g}; the file is damaged or its angles are in another unit"
+        )
 
 
 def clip_name(path: Path | str) -> str:

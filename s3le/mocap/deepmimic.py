@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from s3le.mocap.clip import FPS_RANGE, Clip, at_constant_rate, make_clip
+from s3le.mocap.clip import FPS_RANGE, Clip, at_constant_rate, make_clip, refuse_wild_angles
 from s3le.mocap.rotation import about, from_quaternion, turn
-from s3le.mocap.text import read_bytes, refusal, require
+from s3le.mocap.text import read_bytes, refusal, require, shown
 from s3le.skeleton import POINTS
 
 WIDTH = 44
@@ -33,6 +33,7 @@ _SHOULDER_TO_ELBOW = np.array([0.0, -0.274788, 0.0])
 _ELBOW_TO_WRIST = np.array([0.0, -0.258947, 0.0])
 _MIRROR = np.array([1.0, 1.0, -1.0])
 _QUATERNIONS = (4, 8, 12, 16, 21, 25, 30, 35, 39)  # first column of each
+_ANGLES = (20, 29, 34, 43)  # columns of knees and elbows
 _ROOT, _CHEST = 4, 8
 _SHOULDER = {"r": 25, "l": 39}
 _ELBOW = {"r": 29, "l": 43}
@@ -61,6 +62,7 @@ def read_deepmimic(path: Path | str, fps: float | None = None) -> Clip:
     data = read_bytes(path, LARGEST)
     require(path, data, "JSON text")
     frames = _frames(path, data)
+    refuse_wild_angles(path, frames[:, _ANGLES])
     with np.errstate(over="ignore", invalid="ignore"):  # make_clip refuses what comes of it
         points = _points(_unit_quaternions(path, frames))[..., [0, 2, 1]] * (1.0, -1.0, 1.0)
     if fps is not None or len(frames) == 1:
@@ -87,8 +89,17 @@ def _frames(path: Path | str, data: bytes) -> np.ndarray:
     def refuse_constant(word: str) -> None:
         raise refusal(path, None, f"{word} is no number of a motion")
 
+    def refuse_twice(pairs: list[tuple[str, object]]) -> dict[str, object]:
+        tree: dict[str, object] = {}
+        for name, value in pairs:
+            if name in tree:
+                raise refusal(path, None, f"{shown(name)} is there twice")
+            tree[name] = value
+        return tree
+
     try:
-        tree = json.loads(data.decode("utf-8"), parse_constant=refuse_constant)
+        text = data.decode("utf-8")
+        tree = json.loads(text, parse_constant=refuse_constant, object_pairs_hook=refuse_twice)
     except json.JSONDecodeError as error:
         raise refusal(path, error.lineno, f"not valid JSON: {error.msg}") from None
     except (ValueError, RecursionError) as error:

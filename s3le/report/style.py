@@ -5,7 +5,6 @@ stays apart for colour-blind readers; a brute-force search wears a darker shade 
 of the method whose pool it searches. Nothing here reads a clock or writes a version.
 """
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
@@ -15,6 +14,7 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from s3le.files import replace
 from s3le.methods import ENTRIES
 
 COLOURS = {
@@ -95,16 +95,9 @@ def save(figure: Figure, path: Path) -> None:
     Raises:
         OSError: the disk refuses; whatever stood at path still stands.
     """
-    path = Path(path)
     image = BytesIO()
     figure.savefig(image, format="png", dpi=figure.dpi, metadata={"Software": None})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(image.getvalue())
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    replace(path, lambda part: part.write_bytes(image.getvalue()))
 
 
 def colour(method: str, spare: int = 0) -> str:

@@ -3,7 +3,7 @@
 Adding a robot means writing this file, never touching code.
 """
 
-import math
+import re
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -27,6 +27,8 @@ MAPPED = (
 )
 _KEYS = ("name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation")
 _OPTIONAL = {"base_rpy": [0.0, 0.0, 0.0], "hold": {}, "pair_inflation": 1.1}
+LARGEST = 32 * 2**10  # [bytes] of a robot file; real ones have two thousand
+WIDEST = 100.0  # [rad] an angle beyond this is damage or another unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,12 +51,17 @@ def read_description(path: Path) -> Description:
     """Read and check a robot file.
 
     Raises:
-        RobotError: the file is missing, is not YAML, lacks a key, has an unknown one, or holds
-            a value of the wrong kind; names the file, the key and what is wanted.
+        RobotError: the file is missing, too long, is not YAML, lacks a key, has an unknown one,
+            or holds a value of the wrong kind or out of its range; names the file, the key and
+            what is wanted.
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open("rb") as stream:
+            data = stream.read(LARGEST + 1)
+        if len(data) > LARGEST:
+            raise RobotError(f"{path}: longer than the {LARGEST / 1024:g} KiB of a robot file")
+        text = data.decode("utf-8")
         # Aliases have no use here, and a few lines of them unfold to more than memory holds.
         if any(isinstance(event, AliasEvent) for event in YAML(typ="safe").parse(text)):
             raise RobotError(f"{path}: YAML aliases (*name) are not read; write the value out")
@@ -62,7 +69,7 @@ def read_description(path: Path) -> Description:
     except FileNotFoundError:
         known = ", ".join(sorted(p.stem for p in path.parent.glob("*.yaml"))) or "none"
         raise RobotError(f"{path} does not exist; robots here: {known}") from None
-    except (YAMLError, UnicodeDecodeError, OSError, RecursionError) as error:
+    except (YAMLError, ValueError, OSError, RecursionError) as error:
         raise RobotError(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from None
     if not isinstance(tree, dict):
         raise RobotError(f"{path}: expected a mapping with the keys {', '.join(_KEYS)}")
@@ -77,8 +84,10 @@ def read_description(path: Path) -> Description:
             raise RobotError(f"{path}: key '{key}' is missing")
     tree = _OPTIONAL | tree
 
+    if not re.fullmatch(r"[A-Za-z0-9_.+-]{1,100}", str(tree["name"])):
+        raise RobotError(f"{path}: name must be of letters, digits and _.+-, got {tree['name']!r}")
     urdf = path.parent / str(tree["urdf"])
-    if not urdf.is_file():
+    if not _is_file(urdf):
         raise RobotError(f"{path}: urdf {tree['urdf']!r} does not exist below {path.parent}")
     rpy = tree["base_rpy"]
     if not isinstance(rpy, list) or len(rpy) != 3:
@@ -98,12 +107,12 @@ def read_description(path: Path) -> Description:
         source=path,
         urdf_name=str(tree["urdf"]),
         urdf=urdf,
-        base_rpy=tuple(_number(path, "base_rpy", v) for v in rpy),
+        base_rpy=tuple(_number(path, "base_rpy", v, -WIDEST, WIDEST) for v in rpy),
         points={role: str(points[role]) for role in MAPPED},
         joints=tuple(map(str, joints)),
         hold=_angles(path, "hold", tree["hold"]),
         anchor=_angles(path, "anchor", tree["anchor"]),
-        pair_inflation=_number(path, "pair_inflation", tree["pair_inflation"], at_least=1.0),
+        pair_inflation=_number(path, "pair_inflation", tree["pair_inflation"], 1.0, 10.0),
     )
 
 
@@ -113,17 +122,22 @@ def _mapping(path: Path, key: str, value: Any) -> dict:
     return value
 
 
-def _number(path: Path, key: str, value: Any, at_least: float = -math.inf) -> float:
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name too long for any file
+        return False
+
+
+def _number(path: Path, key: str, value: Any, low: float, high: float) -> float:
     good = isinstance(value, int | float) and not isinstance(value, bool)
-    if not good or not math.isfinite(value) or value < at_least:
-        raise RobotError(
-            f"{path}: {key} must be a finite number of at least {at_least:g}, got {value!r}"
-        )
+    if not good or not low <= value <= high:  # NaN compares False
+        raise RobotError(f"{path}: {key} must be a number in [{low:g}, {high:g}], got {value!r}")
     return float(value)
 
 
 def _angles(path: Path, key: str, value: Any) -> dict[str, float]:
     return {
-        str(joint): _number(path, f"{key}.{joint}", angle)
+        str(joint): _number(path, f"{key}.{joint}", angle, -WIDEST, WIDEST)
         for joint, angle in _mapping(path, key, value).items()
     }

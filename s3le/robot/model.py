@@ -6,8 +6,6 @@ capsule that contains it.
 """
 
 import hashlib
-import xml.etree.ElementTree as ElementTree
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +15,10 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.robot.description import MAPPED, Description, read_description
+from s3le.robot import urdf
+from s3le.robot.description import MAPPED, WIDEST, Description, read_description
+
+FARTHEST = 10.0  # [m] a length or a place beyond this is damage or another unit
 
 
 class Body(NamedTuple):
@@ -105,8 +106,9 @@ def load(path: Path) -> Robot:
 
 def from_description(text: Description) -> Robot:
     """Build the robot that a checked robot file describes (see load)."""
+    tree = urdf.elements(text.urdf)
     model, geometry = reduced(text)
-    where = text.urdf.name
+    where = str(text.urdf)
     data = model.createData()
     home = pin.neutral(model)
     pin.framesForwardKinematics(model, data, home)
@@ -114,19 +116,19 @@ def from_description(text: Description) -> Robot:
     joints = tuple(_joint(model, j, where) for j in range(1, model.njoints))
     points = {role: _point(model, text.points[role], role, where) for role in MAPPED}
     bodies = tuple(_body(model, item, where) for item in geometry.geometryObjects)
-    _refuse_lost_geometry(text.urdf, geometry)
+    urdf.refuse_lost_geometry(where, tree, [item.name for item in geometry.geometryObjects])
     if not bodies:
         raise RobotError(f"{where}: no collision geometry, so nothing could be checked")
     anchor = np.zeros(len(joints))
     names = [joint.name for joint in joints]
     for name, angle in text.anchor.items():
         if name not in names:
-            raise RobotError(f"robot {text.name}: anchor names '{name}', which does not move")
+            raise RobotError(f"{text.source}: anchor names '{name}', which does not move")
         anchor[names.index(name)] = angle
     for joint, angle in zip(joints, anchor, strict=True):
         if not joint.lower <= angle <= joint.upper:
             raise RobotError(
-                f"robot {text.name}: anchor of {joint.name} is {angle:.4f} rad, outside its range "
+                f"{text.source}: anchor of {joint.name} is {angle:.4f} rad, outside its range "
                 f"[{joint.lower:.4f}, {joint.upper:.4f}]"
             )
     robot = Robot(
@@ -150,18 +152,20 @@ def reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
     Raises:
         RobotError: the URDF does not parse, or a joint named in the robot file is not in it.
     """
+    printed: list[str] = []
     try:
-        model = pin.buildModelFromUrdf(str(text.urdf))
-        geometry = pin.buildGeomFromUrdf(model, str(text.urdf), pin.GeometryType.COLLISION)
+        with urdf.quiet(printed):
+            model = pin.buildModelFromUrdf(str(text.urdf))
+            geometry = pin.buildGeomFromUrdf(model, str(text.urdf), pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as error:
-        reason = " ".join(str(error).split())[:200]
+        reason = "; ".join([*printed[:1], " ".join(str(error).split())[:200]])
         raise RobotError(f"{text.urdf}: pinocchio cannot read it ({reason})") from None
     named = list(model.names)[1:]
     for key, wanted in (("joints", text.joints), ("hold", text.hold)):
         for name in wanted:
             if name not in named:
                 raise RobotError(
-                    f"robot {text.name}: {key} names '{name}', not in {text.urdf.name}; "
+                    f"{text.source}: {key} names '{name}', not in {text.urdf.name}; "
                     f"its movable joints: {', '.join(named)}"
                 )
     still = pin.neutral(model)
@@ -169,36 +173,19 @@ def reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
         joint = model.joints[model.getJointId(name)]
         at = slice(joint.idx_q, joint.idx_q + joint.nq)
         if name in text.joints:
-            raise RobotError(f"robot {text.name}: '{name}' both moves (joints) and is held (hold)")
+            raise RobotError(f"{text.source}: '{name}' both moves (joints) and is held (hold)")
         if joint.nv != 1:
-            raise RobotError(f"robot {text.name}: hold of {name}: a joint of {joint.nv} angles")
+            raise RobotError(f"{text.source}: hold of {name}: a joint of {joint.nv} angles")
         # pinocchio keeps an angle without limits as its cosine and sine
         still[at] = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
         low, high = model.lowerPositionLimit[at][0], model.upperPositionLimit[at][0]
         if joint.nq == 1 and not low <= angle <= high:
             raise RobotError(
-                f"robot {text.name}: hold of {name} is {angle:.4f}, outside its range "
+                f"{text.source}: hold of {name} is {angle:.4f}, outside its range "
                 f"[{low:.4f}, {high:.4f}]"
             )
     locked = [j for j in range(1, model.njoints) if model.names[j] not in text.joints]
     return pin.buildReducedModel(model, geometry, locked, still)
-
-
-def _refuse_lost_geometry(urdf: Path, geometry: pin.GeometryModel) -> None:
-    """Refuse a link whose collision geometry the URDF reader dropped, which it does in silence."""
-    try:
-        links = ElementTree.parse(urdf).getroot().findall("link")
-    except ElementTree.ParseError as error:
-        raise RobotError(f"{urdf}: not well-formed XML ({error})") from None
-    read = Counter(item.name.rpartition("_")[0] for item in geometry.geometryObjects)
-    for link in links:
-        written = len(link.findall("collision"))
-        if read[link.get("name")] < written:
-            raise RobotError(
-                f"{urdf.name}: link '{link.get('name')}' has {written} collision elements, only "
-                f"{read[link.get('name')]} could be read; write finite sizes, and "
-                '<robot version="1.1"> where there is a <capsule>'
-            )
 
 
 def _joint(model: pin.Model, index: int, where: str) -> Joint:
@@ -210,14 +197,18 @@ def _joint(model: pin.Model, index: int, where: str) -> Joint:
         )
     lower = float(model.lowerPositionLimit[kind.idx_q])
     upper = float(model.upperPositionLimit[kind.idx_q])
-    if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):
-        raise RobotError(f"{where}: joint '{name}' needs lower < upper, got {lower} and {upper}")
+    if not -WIDEST <= lower < upper <= WIDEST:
+        raise RobotError(
+            f"{where}: joint '{name}' needs lower < upper in [{-WIDEST:g}, {WIDEST:g}] rad, "
+            f"got {lower} and {upper}"
+        )
     data = kind.createData()
     kind.calc(data, np.zeros(model.nq))
     placement = model.jointPlacements[index]
     axis = np.array(data.S).reshape(6)[3:]
     if not abs(np.linalg.norm(axis) - 1.0) < 1e-9:
         raise RobotError(f"{where}: the axis of joint '{name}' has no direction")
+    _near(where, f"joint '{name}'", placement.translation, placement.rotation)
     return Joint(
         name=name,
         parent=int(model.parents[index]) - 1,
@@ -239,12 +230,15 @@ def _point(model: pin.Model, name: str, role: str, where: str) -> Point:
         )
     # A joint and the link it carries may share a name; the first frame of it is the joint's.
     frame = next(frame for frame in model.frames if frame.name == name)
+    _near(where, f"point {role}", frame.placement.translation)
     return Point(int(frame.parentJoint) - 1, np.array(frame.placement.translation))
 
 
 def _body(model: pin.Model, item: pin.GeometryObject, where: str) -> Body:
     shape = item.geometry
     link = model.frames[item.parentFrame].name if item.parentFrame < model.nframes else item.name
+    _near(where, f"a body of link '{link}'", item.placement.translation,
+          item.placement.rotation, _sizes(shape))  # fmt: skip
     if isinstance(shape, coal.Capsule):
         kind, half, radius, axis = "capsule", shape.halfLength, shape.radius, np.eye(3)[2]
     elif isinstance(shape, coal.Sphere):
@@ -266,6 +260,18 @@ def _body(model: pin.Model, item: pin.GeometryObject, where: str) -> Body:
     centre, turn = np.array(item.placement.translation), np.array(item.placement.rotation)
     along = turn @ axis * half
     return Body(item.name, int(item.parentJoint) - 1, centre - along, centre + along, radius, kind)
+
+
+def _sizes(shape: coal.CollisionGeometry) -> list[float]:
+    sizes = [getattr(shape, name, 0.0) for name in ("radius", "halfLength")]
+    return [*sizes, *getattr(shape, "halfSide", [])]
+
+
+def _near(where: str, what: str, *numbers: np.ndarray) -> None:
+    """Refuse lengths and places [m] that no robot has; NaN compares False."""
+    for part in numbers:
+        if not (np.abs(part) <= FARTHEST).all():
+            raise RobotError(f"{where}: {what} lies or reaches beyond {FARTHEST:g} m, or nowhere")
 
 
 def containing_capsule_of_cylinder(radius: float, half: float) -> tuple[float, float]:

@@ -79,7 +79,8 @@ def all_pairs(robot: Robot) -> list[Pair]:
                 reason = WATCHED
             pairs.append(Pair(a, b, kind, reason, clearance))
     if not any(pair.reason == WATCHED for pair in pairs):
-        raise RobotError(f"robot {robot.name}: no pair of bodies is left to watch at this anchor")
+        file = robot.description.source
+        raise RobotError(f"{file}: no pair of bodies is left to watch at this anchor")
     return pairs
 
 

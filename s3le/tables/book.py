@@ -11,6 +11,7 @@ from s3le.tables.robot_pairs import ROBOT_PAIRS
 from s3le.tables.robot_poses import robot_poses
 from s3le.tables.schema import Table
 from s3le.tables.skeletons import SKELETONS
+from s3le.tables.stored_poses import stored_poses
 from s3le.tables.synthetic import SYNTHETIC
 
 
@@ -34,6 +35,7 @@ def tables(n_dof: int, margin: float, latent: int) -> list[Table]:
         index(n_dof, margin, latent),
         retargeted(n_dof),
         SYNTHETIC,
+        stored_poses(n_dof, margin),
     ]
 
 

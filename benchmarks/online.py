@@ -1,0 +1,112 @@
+"""From 21 numbers to a certified pose: how long it takes, part by part, and how near it comes.
+
+    python benchmarks/online.py [--folder data/retargeter] [--frames 10000] [--check/--no-check]
+
+The frames are those of data/skeletons.parquet that are not of a training clip, played over and
+over at 30 Hz. One core. Parts are timed by themselves on the same frames; the whole is
+Stream.step as a robot would call it. Nothing is asserted; times are those of this machine.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from tuple_cost import one_core
+
+from s3le import splits, store
+from s3le.kernels import guard, segment
+from s3le.retarget import bundle
+from s3le.retarget.mode import Mode
+from s3le.retarget.stream import Retargeter
+from s3le.tables.skeletons import SKELETONS
+
+DT = 1.0 / 30.0
+
+
+def main(
+    folder: Annotated[Path, typer.Option(help="exported retargeter")] = Path("data/retargeter"),
+    skeletons: Annotated[Path, typer.Option(help="frames")] = Path("data/skeletons.parquet"),
+    frames: Annotated[int, typer.Option(help="frames to time")] = 10_000,
+    check: Annotated[bool, typer.Option(help="coal at every pose")] = True,
+) -> None:
+    """Print the table."""
+    it = bundle.load(folder, {"check": check})
+    table = store.read(SKELETONS, skeletons)
+    x = table["x"][splits.test_rows(table)]
+    settings = it.settings
+    print(
+        f"{it.machine.robot.name}, {len(it.machine.watched)} pairs; k {settings.k}, "
+        f"at most {settings.iterations} iterations, proofs of at most {settings.budget} poses"
+    )
+    print(f"{'us':34}{'median':>9}{'p99':>9}{'worst':>10}")
+    with one_core():
+        for name, work in parts(it, x).items():
+            say(name, times(work, min(frames, 2000)))
+        stream, modes, far, free = it.start(), np.zeros(len(Mode), int), [], []
+
+        def step(i: int) -> None:
+            if i % len(x) == 0:
+                stream.reset()  # the motion begins anew
+            row = stream.step(x[i % len(x)], DT)
+            modes[row.mode] += 1
+            far.append(row.distance)
+            free.append(row.wanted)
+
+        say(f"whole, {frames} frames", times(step, frames))
+    shares = {mode.name.lower(): modes[mode] / modes.sum() for mode in Mode if modes[mode]}
+    print("\n" + ", ".join(f"{name} {share:.1%}" for name, share in shares.items()))
+    print(f"mean cosine distance to the human: wanted {np.nanmean(free):.4f}, ", end="")
+    print(f"after the guard {np.nanmean(far):.4f}")
+
+
+def parts(it: Retargeter, x: np.ndarray) -> dict[str, Callable[[int], object]]:
+    """What the whole is made of, each as a function of the frame's number."""
+    machine, proposer = it.machine, it._proposer
+    chain, checker = machine.chain, machine.certifier()
+    memory, scratch = guard.memory(machine.robot.n_dof), segment.scratch(chain)
+    starts = [it.propose(row) for row in x]
+
+    def kernel(i: int) -> None:
+        if i % len(x) == 0:
+            memory.flag[:] = 0
+        guard.frame(
+            chain, it.swept, scratch, memory, x[i % len(x)], starts[i % len(x)],
+            machine.robot.anchor, DT, it.speed, it.brake, it.rule,
+        )  # fmt: skip
+        if memory.flag[guard.WARM]:
+            memory.v[:] = (memory.next - memory.q) / DT
+        memory.flag[guard.WARM] = 1
+        memory.q[:], memory.last[:] = memory.next, memory.want
+
+    found = {}
+    if getattr(proposer, "_encoder", None):
+        found["encoder"] = lambda i: proposer._encoder(x[i % len(x)])
+    found["propose (encoder and search)"] = lambda i: it.propose(x[i % len(x)])
+    found["refine and guard"] = kernel
+    found["coal, one pose"] = lambda i: checker.check(starts[i % len(x)][:1])
+    return found
+
+
+def times(work: Callable[[int], object], count: int) -> np.ndarray:
+    """Wall time of each call [us], the first few left out."""
+    for i in range(3):
+        work(i)
+    taken = np.empty(count)
+    for i in range(count):
+        began = time.perf_counter_ns()
+        work(i)
+        taken[i] = (time.perf_counter_ns() - began) / 1e3
+    return taken
+
+
+def say(name: str, taken: np.ndarray) -> None:
+    """One line."""
+    p50, p99 = np.quantile(taken, [0.5, 0.99])
+    print(f"{name:34}{p50:9.1f}{p99:9.1f}{taken.max():10.1f}", flush=True)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,334 @@
+"""Human motion to certified robot motion, frame by frame: propose, refine, guard, check.
+
+A stream of skeletons x (seven unit vectors) becomes a stream of poses q. Each pose is within
+limits and keeps the robot's margin; between two poses the joints move straight, no joint faster
+than allowed, and the whole of that path is proven to keep `between`. What the kernels accept is
+measured once more by the independent check before it counts. There is no input for which an
+unproven pose or step comes out: where nothing else can be proven, the robot holds.
+"""
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from s3le.errors import CertificateError, ParameterError
+from s3le.kernels import guard, segment
+from s3le.kernels.calm import calm, middle
+from s3le.kernels.refine import LOOKUP, NOTHING
+from s3le.kernels.swept import swept
+from s3le.machine import Machine
+from s3le.retarget.mode import Mode
+from s3le.retarget.retrieval import Proposer
+from s3le.retarget.settings import Settings
+from s3le.skeleton import BONES, DIM
+
+SHORTEST = 1e-6  # [s], in less time nothing moves
+LONGEST = 1.0  # [s], a robot that was left alone for longer moves as if it had been this
+_HOW = {
+    guard.EASED: Mode.EASED,
+    guard.LIMITED: Mode.LIMITED,
+    guard.DETOUR: Mode.DETOUR,
+    guard.SHORTENED: Mode.SHORTENED,
+    guard.HELD: Mode.HELD,
+}
+_ARRIVED = (Mode.START, Mode.REFINED, Mode.LOOKUP, Mode.EASED)
+
+
+class Step(NamedTuple):
+    """One answer."""
+
+    q: np.ndarray  # [rad], (n_dof,), where to be when the step is over
+    mode: Mode  # how it was obtained
+    clearance: float  # [m], of the pose
+    bound: float  # [m], proven of the path that leads to it
+    distance: float  # mean cosine distance to the human as wanted; NaN: no human yet
+    wanted: float  # the same of the pose that would have been the answer without the guard
+
+
+class Motion(NamedTuple):
+    """A retargeted motion, one entry a row."""
+
+    time: np.ndarray  # [s], (n,)
+    q: np.ndarray  # [rad], (n, n_dof)
+    mode: np.ndarray  # uint8 (n,), see Mode
+    clearance: np.ndarray  # [m], (n,), by the independent check
+    bound: np.ndarray  # [m], (n,), proven of the path from the row before
+    distance: np.ndarray  # (n,), mean cosine distance to the human
+    wanted: np.ndarray  # (n,), the same before the guard
+
+
+class Stream:
+    """One robot in motion: all that is remembered from frame to frame, and scratch."""
+
+    def __init__(self, retargeter: "Retargeter", q: np.ndarray | None, check: bool) -> None:
+        """Use Retargeter.start."""
+        machine = retargeter.machine
+        self._its, self._check = retargeter, check
+        self._scratch = segment.scratch(machine.chain)
+        self._certifier = machine.certifier()
+        self.reset(q)
+
+    def reset(self, q: np.ndarray | None = None) -> None:
+        """Forget everything and start anew, as Retargeter.start does."""
+        machine = self._its.machine
+        self._memory = guard.memory(machine.robot.n_dof)
+        self._kept, self._rate = np.zeros(DIM), np.zeros(DIM)
+        self._seen: list[np.ndarray] = []  # the last frames, where the answer comes one late
+        self._x: np.ndarray | None = None  # the skeleton last wanted
+        self._clearance = np.nan
+        self._leading = q is not None
+        if q is not None:
+            q = _pose(q, machine.robot.n_dof)
+            report = self._certifier.require(q[None], machine.margin)
+            self._clearance = float(report.clearance[0])
+            self._memory.q[:] = self._memory.last[:] = q
+            self._memory.flag[guard.WARM] = 1
+
+    @property
+    def q(self) -> np.ndarray | None:
+        """Where the robot is [rad], (n_dof,); None before the first pose."""
+        return self._memory.q.copy() if self._memory.flag[guard.WARM] else None
+
+    def step(self, x: np.ndarray | None, dt: float) -> Step:
+        """Take one frame and say where the robot is to be dt later.
+
+        Args:
+            x: the human's seven vectors, (21,) or (7, 3), of any length; None, values that are
+                not finite, or a vector without length: the frame is dropped, and the robot goes
+                on towards the one before it.
+            dt: time since the frame before [s]. Where it is not finite or below 1e-6 s no time
+                has passed: the robot holds, and the frame is not looked at. The first pose of a
+                stream without a given one does not depend on it.
+
+        Raises:
+            ParameterError: x has another shape or holds no numbers, or there is neither a usable
+                frame nor a pose yet. Nothing has changed, and the stream can go on.
+        """
+        usable = None if x is None else _directions(x)
+        memory, started = self._memory, bool(self._memory.flag[guard.WARM])
+        try:
+            dt = min(float(dt), LONGEST)
+        except (TypeError, ValueError):
+            raise ParameterError(f"dt must be a number, got {dt!r}") from None
+        if started and not dt >= SHORTEST:  # catches NaN
+            return self._hold(Mode.HELD)
+        if usable is not None:
+            self._take(usable, dt)
+        elif not started:
+            raise ParameterError("the first frame of a stream has no seven finite vectors")
+        elif self._x is None:
+            return self._hold(Mode.DROPPED)
+        its = self._its
+        found, how = guard.frame(
+            its.machine.chain, its.swept, self._scratch, memory, self._x,
+            its.propose(self._x), its.machine.robot.anchor, dt, its.speed, its.brake, its.rule,
+        )  # fmt: skip
+        if started:
+            return self._go(found, how, dt, usable is None)
+        if found == NOTHING:
+            memory.next[:] = memory.want[:] = its.machine.robot.anchor
+        report = self._certifier.check(memory.next[None])
+        if not (report.clearance[0] >= its.machine.margin and report.limit_margin[0] >= 0.0):
+            raise CertificateError(self._certifier.why(memory.next, 0, its.machine.margin))
+        self._clearance = float(report.clearance[0])
+        self._move(dt, 0.0)
+        return self._answer(Mode.START, self._clearance)
+
+    def _take(self, x: np.ndarray, dt: float) -> None:
+        """Filter a frame; what is wanted is then in self._x."""
+        settings = self._its.settings
+        if settings.delay:
+            self._seen = [*(self._seen or [x, x])[-2:], x]
+            late = np.empty(DIM)
+            middle(*self._seen, late)
+            x = late
+        if self._x is None:
+            self._kept[:] = x
+        else:
+            calm(x, dt, self._its.cutoff, settings.quickness, self._kept, self._rate)
+        self._x = self._kept
+
+    def _go(self, found: int, how: int, dt: float, dropped: bool) -> Step:
+        """Let the independent check decide, then move on."""
+        memory, machine = self._memory, self._its.machine
+        mode = _HOW.get(how, Mode.LOOKUP if found == LOOKUP else Mode.REFINED)
+        clearance = self._clearance if mode is Mode.HELD else float(memory.out[6])
+        if self._check and mode is not Mode.HELD:
+            report = self._certifier.check(memory.next[None])
+            if report.clearance[0] >= machine.margin and report.limit_margin[0] >= 0.0:
+                clearance = float(report.clearance[0])
+            else:  # the two engines disagree: then it is no
+                memory.next[:] = memory.q
+                memory.out[0] = clearance = self._clearance
+                mode = Mode.HELD
+        self._clearance = clearance
+        self._move(dt, 1.0 / dt)
+        if self._leading and mode in _ARRIVED:
+            self._leading = False
+        if dropped:
+            mode = Mode.DROPPED
+        elif self._leading:
+            mode = Mode.LEAD_IN
+        return self._answer(mode, float(memory.out[0]))
+
+    def _move(self, dt: float, per_second: float) -> None:
+        memory = self._memory
+        np.subtract(memory.next, memory.q, memory.v)
+        np.multiply(memory.v, per_second, memory.v)
+        memory.q[:] = memory.next
+        memory.last[:] = memory.want
+        memory.flag[guard.WARM] = 1
+
+    def _answer(self, mode: Mode, bound: float) -> Step:
+        out = self._memory.out
+        return Step(
+            self._memory.q.copy(), mode, self._clearance, bound,
+            float(out[5]) / len(BONES), float(out[2]) / len(BONES),
+        )  # fmt: skip
+
+    def _hold(self, mode: Mode) -> Step:
+        self._memory.v[:] = 0.0
+        q = self._memory.q.copy()
+        return Step(q, mode, self._clearance, self._clearance, np.nan, np.nan)
+
+
+class Retargeter:
+    """From human skeletons to certified robot motion; only read while in use.
+
+    Any number of threads may share one; each has streams of its own.
+    """
+
+    def __init__(self, machine: Machine, proposer: Proposer, settings: Settings) -> None:
+        """Join the parts; `s3le.retarget.bundle.load` does it from a folder.
+
+        Raises:
+            ParameterError: settings do not fit the robot.
+        """
+        self.machine, self.settings = machine, settings
+        self.rule, self.speed = settings.rule(machine), settings.speed(machine)
+        self.brake = float(settings.brake) or np.inf
+        self.cutoff = float(settings.cutoff) or np.inf
+        self.swept = swept(machine.chain)
+        self._proposer, self._own = proposer, threading.local()
+
+    @staticmethod
+    def load(folder: Path, changed: Mapping[str, object] | None = None) -> "Retargeter":
+        """The retargeter that stage `export` wrote to a folder; see s3le.retarget.bundle.load."""
+        from s3le.retarget import bundle  # it imports this module
+
+        return bundle.load(folder, changed)
+
+    def propose(self, x: np.ndarray) -> np.ndarray:
+        """Poses to start from [rad], (k, n_dof)."""
+        return np.ascontiguousarray(self._proposer.propose(x), float)
+
+    def start(self, q: np.ndarray | None = None) -> Stream:
+        """A new stream.
+
+        Args:
+            q: where the robot is [rad], (n_dof,); it moves from there (Mode.LEAD_IN). None: the
+                first pose is that of the first frame (Mode.START), and to be there is the
+                caller's business.
+
+        Raises:
+            CertificateError: q is not feasible.
+            ParameterError: q has another shape.
+        """
+        return Stream(self, q, self.settings.check)
+
+    def step(self, x: np.ndarray | None, dt: float) -> Step:
+        """Stream.step of this thread's own stream, which begins with the first call."""
+        if not hasattr(self._own, "stream"):
+            self._own.stream = self.start()
+        return self._own.stream.step(x, dt)
+
+    def batch(
+        self,
+        x: np.ndarray,
+        times: np.ndarray,
+        q: np.ndarray | None = None,
+        lead_in: float = 0.0,
+    ) -> Motion:
+        """Retarget a whole motion; every pose is checked independently before any is returned.
+
+        Args:
+            x: skeletons, (n, 21); rows that cannot be used are dropped frames.
+            times: of the rows [s], (n,), rising.
+            q: pose that the robot starts from [rad]; None: the first usable frame's own.
+            lead_in: time before the motion in which the robot moves from q to its first frame
+                [s]; rows at the motion's mean rate are put in front for it.
+
+        Raises:
+            ParameterError: shapes differ, times do not rise, or no row can be used.
+            CertificateError: q is not feasible, or the independent check refuses a pose.
+        """
+        x, times = _motion(x, times)
+        usable = [_directions(row) is not None for row in x]
+        if not any(usable):
+            raise ParameterError("a motion needs one frame with seven finite vectors")
+        first = int(np.argmax(usable))
+        if q is not None and lead_in > 0.0:
+            dt = float(np.median(np.diff(times))) if len(times) > 1 else 1.0 / 30.0
+            count = int(np.ceil(lead_in / dt - 1e-6))
+            times = np.concatenate([times[0] - dt * np.arange(count, 0, -1), times])
+            x = np.concatenate([np.repeat(x[first : first + 1], count, axis=0), x])
+            first = 0
+        stream = Stream(self, q, check=False)
+        rows = []
+        for i in range(len(x)):
+            dt = times[i] - times[i - 1] if i else 1.0 / 30.0
+            if stream.q is None and i < first:
+                rows.append(None)
+                continue
+            rows.append(stream.step(x[i], dt))
+        rows[:first] = [
+            row or rows[first]._replace(mode=Mode.DROPPED, distance=np.nan) for row in rows[:first]
+        ]
+        found = Motion(times, *map(np.array, zip(*[
+            (row.q, np.uint8(row.mode), row.clearance, row.bound, row.distance, row.wanted)
+            for row in rows
+        ], strict=True)))  # fmt: skip
+        report = self.machine.certifier().require(found.q, self.machine.margin)
+        return found._replace(clearance=report.clearance)
+
+
+def _pose(q: np.ndarray, n_dof: int) -> np.ndarray:
+    q = np.array(q, float)
+    if q.shape != (n_dof,):
+        raise ParameterError(f"a pose must have shape ({n_dof},), got {q.shape}")
+    return q
+
+
+def _motion(x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x, times = np.asarray(x, float), np.asarray(times, float)
+    if x.ndim != 2 or x.shape[1] != DIM or times.shape != (len(x),) or not len(x):
+        raise ParameterError(
+            f"a motion needs skeletons (n, {DIM}) and n times, got {x.shape} and {times.shape}"
+        )
+    if not np.isfinite(times).all() or not (np.diff(times) >= SHORTEST).all():
+        raise ParameterError(f"the times of a motion must rise by {SHORTEST:g} s and more a row")
+    return x, times
+
+
+def _directions(x: np.ndarray) -> np.ndarray | None:
+    """Seven unit vectors (21,); None where there are none.
+
+    Raises:
+        ParameterError: x has another shape or holds no numbers.
+    """
+    try:
+        x = np.asarray(x, float)
+    except (TypeError, ValueError):
+        raise ParameterError("a frame must hold numbers") from None
+    if x.shape not in ((DIM,), (len(BONES), 3)):
+        raise ParameterError(f"a frame must have shape ({DIM},) or (7, 3), got {x.shape}")
+    x = x.reshape(len(BONES), 3)
+    if not np.abs(x).max() <= 1e9:  # catches NaN
+        return None
+    size = np.sqrt((x * x).sum(axis=1, keepdims=True))
+    if not size.min() > 1e-9:
+        return None
+    return (x / size).ravel()

@@ -1,0 +1,131 @@
+"""What pinocchio's URDF reader does in silence, refused: elements it skips, geometry it drops.
+
+A misspelt `<origin>` or `lower` is no error to it, only another robot, so names that are nearly
+one that matters here are refused; unknown names that resemble none are extensions and pass.
+"""
+
+import contextlib
+import os
+import tempfile
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from collections.abc import Iterator
+from difflib import get_close_matches
+from pathlib import Path
+
+from s3le.errors import RobotError
+
+LARGEST = 4 * 2**20  # [bytes] of a URDF; large ones have half a million
+ALIKE = 0.7  # of two names, above which one is taken for a slip of the other
+# Element -> those in it that matter here, and further ones that may be there.
+_ELEMENTS = {
+    "robot": ("link joint", "material transmission gazebo"),
+    "link": ("collision", "inertial visual"),
+    "joint": ("parent child origin axis limit", "dynamics mimic safety_controller calibration"),
+    "collision": ("origin geometry", "material name"),
+    "geometry": ("capsule sphere box cylinder", "mesh"),
+}
+_ATTRIBUTES = {
+    "parent": "link",
+    "child": "link",
+    "origin": "xyz rpy",
+    "axis": "xyz",
+    "limit": "lower upper velocity effort",
+    "joint": "name type",
+    "link": "name",
+}
+_ONCE = ("joint", "collision", "geometry")  # of whose children each may be there only once
+
+
+def elements(path: Path) -> ElementTree.Element:
+    """The elements of a URDF, once no name in it is a slip of one that matters.
+
+    Raises:
+        RobotError: not well-formed, too long, with a DOCTYPE, of another root, a misspelt name,
+            or an element twice where one is read.
+    """
+    with path.open("rb") as stream:
+        data = stream.read(LARGEST + 1)
+    if len(data) > LARGEST:
+        raise RobotError(f"{path}: longer than the {LARGEST / 2**20:g} MiB of a URDF")
+    if b"<!DOCTYPE" in data:
+        raise RobotError(f"{path}: a DOCTYPE is not read; write its entities out")
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise RobotError(f"{path}: not well-formed XML ({error})") from None
+    if root.tag != "robot":
+        raise RobotError(f"{path}: its root is <{root.tag}>, wanted <robot> (and no xmlns)")
+    links, joints = root.findall("link"), root.findall("joint")
+    bodies = root.findall("link/collision")
+    for item in [root, *links, *joints, *bodies, *root.iterfind("link/collision/geometry")]:
+        wanted, others = (words.split() for words in _ELEMENTS[item.tag])
+        for tag in dict.fromkeys(child.tag for child in item):
+            if tag not in wanted + others:
+                _refuse_slip(path, f"<{tag}> in {_named(item)}", tag, wanted)
+        counts = Counter(child.tag for child in item)
+        for tag in wanted if item.tag in _ONCE else []:
+            if counts[tag] > 1:
+                raise RobotError(f"{path}: {counts[tag]} <{tag}> in {_named(item)}, one is read")
+    for parent in [*links, *joints, *bodies]:
+        for item in [parent, *parent]:
+            wanted = _ATTRIBUTES.get(item.tag, "").split()
+            for name in item.keys():
+                if wanted and name not in wanted:
+                    _refuse_slip(path, f"{name} of <{item.tag}> in {_named(parent)}", name, wanted)
+    return root
+
+
+def _named(item: ElementTree.Element) -> str:
+    return f"<{item.tag}> '{item.get('name')}'" if item.get("name") else f"a <{item.tag}>"
+
+
+def _refuse_slip(path: Path, what: str, name: str, wanted: list[str]) -> None:
+    if near := get_close_matches(name.lower()[:100], wanted, n=1, cutoff=ALIKE):
+        raise RobotError(f"{path}: {what} is not read; did you mean {near[0]}?")
+
+
+def refuse_lost_geometry(where: str, root: ElementTree.Element, names: list[str]) -> None:
+    """Refuse a link whose collision geometry the URDF reader dropped, which it does in silence.
+
+    Args:
+        where: the file, for the refusal.
+        root: its elements.
+        names: of the geometry that was read: the link's, and its number on the link.
+
+    Raises:
+        RobotError: a link has lost some.
+    """
+    read = Counter(name.rpartition("_")[0] for name in names)
+    for link in root.findall("link"):
+        written = len(link.findall("collision"))
+        if read[link.get("name")] < written:
+            raise RobotError(
+                f"{where}: link '{link.get('name')}' has {written} collision elements, only "
+                f"{read[link.get('name')]} could be read; write finite sizes, and "
+                '<robot version="1.1"> where there is a <capsule>'
+            )
+
+
+@contextlib.contextmanager
+def quiet(printed: list[str]) -> Iterator[None]:
+    """Collect the lines that C++ prints to standard error while the block runs, here of urdfdom.
+
+    What other threads print meanwhile is collected too, so keep the block short.
+    """
+    with tempfile.TemporaryFile() as file:
+        try:
+            kept = os.dup(2)
+        except OSError:  # there is no standard error, so nothing to keep quiet
+            yield
+            return
+        try:
+            os.dup2(file.fileno(), 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            file.seek(0)
+            text = file.read(LARGEST).decode("utf-8", "replace")
+            lines = (" ".join(line.split()) for line in text.splitlines())
+            printed += [line for line in lines if line and not line.startswith("at line")]

@@ -1,0 +1,290 @@
+"""Kills, full disks, edited tables, foreign locks, two runs at once: one line, no half of a file.
+
+Whatever happens to a run, each of its results is absent or whole, and the next run completes with
+the bytes of a calm one.
+"""
+
+import os
+import random
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from ruamel.yaml import YAML
+from tiny import environment, good, set_params, shell
+
+pytestmark = pytest.mark.slow
+STAGES = (
+    "robot", "clips", "skeletons", "pair", "sample", "poses", "truth", "coverage", "train@s3le",
+    "index@s3le", "evaluate@s3le", "synthetic", "metrics", "report",
+)  # fmt: skip
+CHANGED = (".dvc", "data", "reports", "dvc.lock", "params.yaml")
+FIRST = ("robot", "clips", "skeletons", "pair")  # what a run for the mocap pairs makes
+OUT_OF_DISK = ("File too large", "No space left on device")
+
+
+def outs(folder: Path, stage: str) -> list[Path]:
+    """The results of a stage, files and folders, as committed."""
+    lock = YAML(typ="safe").load(good(folder, "git", "show", "HEAD:dvc.lock"))["stages"][stage]
+    base = folder / "data" / "clips" if stage == "clips" else folder
+    return [Path(os.path.normpath(base / out["path"])) for out in lock["outs"]]
+
+
+def files(folder: Path, stages: tuple[str, ...] | list[str]) -> dict[str, bytes]:
+    """Results of stages by path, as far as they are there, with parts that somebody left."""
+    found: dict[str, bytes] = {}
+    for out in (out for stage in stages for out in outs(folder, stage)):
+        for path in [*out.parent.glob(f".{out.name}*"), out, *out.rglob("*")]:
+            if path.is_file() and not path.name.endswith(".lock"):
+                found[str(path.relative_to(folder))] = path.read_bytes()
+    return found
+
+
+def forget(folder: Path, stages: tuple[str, ...] | list[str]) -> None:
+    """Remove the results of stages, and all that a run could take instead of making them."""
+    for name in ("data/shards", "data/checkpoints", ".dvc/cache"):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    for out in (out for stage in stages for out in outs(folder, stage)):
+        shutil.rmtree(out) if out.is_dir() else out.unlink(missing_ok=True)
+
+
+def put(source: Path, target: Path) -> None:
+    """Make what a run changes in one project what it is in another."""
+    for name in CHANGED:
+        old, new = target / name, source / name
+        shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
+        shutil.copytree(new, old) if new.is_dir() else shutil.copy2(new, old)
+
+
+@pytest.fixture(scope="module")
+def kept(project, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kept")
+    put(project, folder)
+    return folder
+
+
+@pytest.fixture
+def here(project, kept):
+    """The project, which is as it was when the test is over; in its place, kernels are compiled."""
+    yield project
+    put(kept, project)
+
+
+def command(stage: str) -> list[str]:
+    name, *argument = stage.split("@")
+    return [sys.executable, "-m", f"pipeline.{name}", *argument]
+
+
+def in_one_line(done: subprocess.CompletedProcess) -> str:
+    """What a stage said when it stopped."""
+    assert done.returncode == 2, done.stderr
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    return lines[0]
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_that_is_out_of_disk_and_then_killed_leaves_nothing_half_written(here, stage):
+    luck = random.Random(stage)
+    calm = files(here, [stage])
+    forget(here, [stage])
+    most = luck.randrange(max(map(len, calm.values())))  # [bytes] that a file may have
+
+    begin = time.monotonic()
+    done = subprocess.run(
+        command(stage), cwd=here, env=environment(here), capture_output=True, text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)),
+    )  # fmt: skip
+    lasted = time.monotonic() - begin
+    line = in_one_line(done)
+    assert line.startswith(f"stage '{stage}': ") and OUT_OF_DISK[0] in line
+    assert line.endswith("nothing was half-written, run it again")
+    assert files(here, [stage]).items() <= calm.items()
+
+    victim = subprocess.Popen(
+        command(stage), cwd=here, env=environment(here),
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    time.sleep(luck.uniform(0.5, 1.05) * lasted)  # imports take the first half
+    victim.kill()
+    victim.wait()
+    left = {name: data for name, data in files(here, [stage]).items() if ".part" not in name}
+    assert left.items() <= calm.items()
+
+    good(here, *command(stage))
+    assert files(here, [stage]) == calm
+
+
+def test_dvc_killed_at_any_moment_goes_on_to_the_bytes_of_a_calm_run(here):
+    luck, calm = random.Random(5), files(here, FIRST)
+    forget(here, FIRST)
+    killed = 0
+    while killed < 5:
+        top = subprocess.Popen(
+            ["sh", "-c", "exec dvc repro pair > said 2>&1"], cwd=here, env=environment(here)
+        )
+        time.sleep(luck.uniform(0.5, 8.0))
+        if top.poll() is None:
+            top.kill()
+            killed += 1
+        if top.wait() > 0:  # it was killed while it wrote its own dvc.lock, which it says
+            assert "dvc.lock' validation failed" in (here / "said").read_text()
+            good(here, "git", "checkout", "-q", "dvc.lock")
+        elif top.returncode == 0:
+            forget(here, FIRST)  # all was done; over again
+        left = {name: data for name, data in files(here, FIRST).items() if ".part" not in name}
+        assert left.items() <= calm.items()
+    good(here, "git", "checkout", "-q", "dvc.lock")
+    good(here, "dvc", "repro", "pair")
+    assert files(here, FIRST) == calm
+    assert good(here, "dvc", "status", "pair").strip().endswith("up to date.")
+
+
+@pytest.fixture
+def disk(here):
+    """The project's data on a disk of its own, of 64 MiB."""
+    folder = here / "data"
+    how = ["mount", "-t", "tmpfs", "-o", "size=64m", "tmpfs", str(folder)]
+    if not shutil.which("mount") or os.geteuid() or subprocess.run(how, check=False).returncode:
+        pytest.skip("no right to mount a small disk here")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def test_dvc_on_a_full_disk_stops_with_a_line_and_goes_on_when_there_is_room(here, kept, disk):
+    shutil.copytree(kept / "data", disk, dirs_exist_ok=True)
+    calm = files(here, FIRST)
+    forget(here, FIRST)
+    for left_free in (0, 60_000):  # [bytes]
+        room = shutil.disk_usage(disk).free - left_free
+        with (disk / "ballast").open("wb") as ballast:
+            os.posix_fallocate(ballast.fileno(), 0, room)
+        done = shell(here, "dvc", "repro", "pair")
+        said = done.stdout + done.stderr
+        assert done.returncode != 0 and "Traceback" not in said
+        assert OUT_OF_DISK[1] in said, said
+        assert files(here, FIRST).items() <= calm.items()
+        (disk / "ballast").unlink()
+    good(here, "git", "checkout", "-q", "dvc.lock")
+    good(here, "dvc", "repro", "pair")
+    assert files(here, FIRST) == calm
+
+
+# --- what somebody did to the files
+
+
+def lower_one_clearance(rows: pa.Table) -> pa.Table:
+    values = rows["clearance"].to_pylist()
+    values[3] = -0.01
+    return rows.set_column(rows.schema.get_field_index("clearance"), "clearance", [values])
+
+
+def another_row_order(rows: pa.Table) -> pa.Table:
+    return rows.take(list(range(len(rows)))[::-1])
+
+
+def without_metadata(rows: pa.Table) -> pa.Table:
+    return rows.replace_schema_metadata(None)
+
+
+@pytest.mark.parametrize(
+    ("edit", "why"),
+    [
+        (lower_one_clearance, "rule 'collision_free' fails on 1 of"),
+        (without_metadata, "is not a 'mocap_pairs' table"),
+        (b"\0", "is not readable as Parquet"),
+    ],
+    ids=["an unsafe row", "saved by another program", "a byte"],
+)
+def test_a_table_edited_by_hand_is_refused_and_made_anew(here, edit, why):
+    path, calm = here / "data" / "mocap_pairs.parquet", files(here, ["pair"])
+    if callable(edit):
+        pq.write_table(edit(pq.read_table(path)), path)
+    else:
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 0xFF
+        path.write_bytes(data)
+    line = in_one_line(shell(here, *command("index@skeleton_pairs")))
+    assert line.startswith("TableError: data/mocap_pairs.parquet") and why in line
+    assert line.endswith("write it with: dvc repro pair")
+    good(here, "dvc", "repro", "pair")
+    assert files(here, ["pair"]) == calm
+
+
+def test_rows_in_another_order_are_seen_by_dvc(here):
+    path, calm = here / "data" / "mocap_pairs.parquet", files(here, ["pair"])
+    pq.write_table(another_row_order(pq.read_table(path)), path)
+    assert "data/mocap_pairs.parquet" in good(here, "dvc", "status", "pair")
+    good(here, "dvc", "repro", "pair")
+    assert files(here, ["pair"]) == calm
+
+
+def test_a_lock_of_another_commit_gives_this_commit_s_bytes(here):
+    calm = files(here, FIRST)
+    set_params(here, {"pair": {"rows": 20}})
+    good(here, "dvc", "repro", "pair")
+    other = files(here, FIRST)
+    assert other != calm
+    good(here, "git", "checkout", "-q", "params.yaml")  # dvc.lock and tables stay the other's
+    assert "pair" in good(here, "dvc", "status", "pair")
+    good(here, "dvc", "repro", "pair")
+    assert files(here, FIRST) == calm
+
+
+def test_a_lock_whose_tables_nobody_has_or_with_a_merge_conflict_ends_in_a_line(here):
+    calm = files(here, FIRST)
+    forget(here, FIRST)
+    done = shell(here, "dvc", "checkout", "data/mocap_pairs.parquet")
+    assert done.returncode != 0 and "Traceback" not in done.stderr
+    assert "mocap_pairs.parquet" in done.stderr
+    lock = here / "dvc.lock"
+    lock.write_text(lock.read_text().replace("  pair:", "<<<<<<< ours\n  pair:\n=======\n", 1))
+    done = shell(here, "dvc", "repro", "pair")
+    assert done.returncode != 0 and "Traceback" not in done.stderr and "dvc.lock" in done.stderr
+    good(here, "git", "checkout", "-q", "dvc.lock")
+    good(here, "dvc", "repro", "pair")
+    assert files(here, FIRST) == calm
+
+
+# --- two at once
+
+
+def both(folder: Path, *words: str) -> list[tuple[int, str]]:
+    """Start a command twice; the status and the words of each."""
+    twins = [
+        subprocess.Popen(
+            words, cwd=folder, env=environment(folder), text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    said = [twin.communicate()[0] for twin in twins]
+    return [(twin.returncode, words) for twin, words in zip(twins, said, strict=True)]
+
+
+def test_of_two_runs_at_once_one_completes_and_the_other_says_who_is_in_its_way(here):
+    calm = files(here, FIRST)
+    forget(here, FIRST)
+    for status, said in both(here, "dvc", "repro", "pair"):
+        assert "Traceback" not in said
+        assert status == 0 or "lock" in said or "busy" in said, said
+    good(here, "dvc", "repro", "pair")
+    assert files(here, FIRST) == calm
+
+
+@pytest.mark.parametrize("stage", ["pair", "sample", "train@s3le"])
+def test_the_same_stage_twice_at_once_writes_the_same_bytes(here, stage):
+    calm = files(here, [stage])
+    forget(here, [stage])
+    for status, said in both(here, *command(stage)):
+        assert status == 0, said
+    assert files(here, [stage]) == calm
+    assert not psutil.Process().children(recursive=True)

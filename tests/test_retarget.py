@@ -1,0 +1,335 @@
+"""The retargeter: never an unproven pose or step, whatever comes in; and near the human."""
+
+from dataclasses import replace
+from functools import cache
+from threading import Thread
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference import OneByOne
+from worlds import MARGIN, coman, inside_limits, relaxed
+
+from s3le import neighbours
+from s3le.errors import CertificateError, ParameterError
+from s3le.kernels import batch
+from s3le.kernels.calm import calm, middle
+from s3le.kernels.refine import refine
+from s3le.retarget.mode import Mode
+from s3le.retarget.retrieval import LookUp
+from s3le.retarget.settings import Settings
+from s3le.retarget.stream import Retargeter
+from s3le.robot.judge import Judge
+from s3le.segments import CERTIFIED, COLLIDES, certify
+from s3le.skeleton import cosine_distance
+
+BETWEEN = 0.0005  # [m]
+DEFAULT = Settings(
+    k=4, iterations=6, target=0.004, between=BETWEEN, ridge=1e-3, pull=0.3, toll=0.003,
+    speed_factor=1.0, brake=60.0, cutoff=0.0, quickness=1.0, delay=False, check=True,
+)  # fmt: skip
+SPEED = 4.0  # [rad/s], COMAN's
+AGREEMENT = 1e-7  # [m], of kernels and coal (test_distance.py)
+DT = 1.0 / 30.0
+
+
+@cache
+def stored(n=3000):
+    made = coman()
+    q = batch.project(made.chain, made.robot.anchor, relaxed(made, n, 5), MARGIN).q
+    return q, batch.skeletons(made.chain, q)
+
+
+@cache
+def retargeter(**changed):
+    q, x = stored()
+    chosen = replace(DEFAULT, **changed)
+    return Retargeter(coman(), LookUp(q, neighbours.build(x, exact=True), chosen.k, None), chosen)
+
+
+@cache
+def motion(n=120, seed=1):
+    """Skeletons of a smooth motion that collides: of poses within limits, not projected."""
+    made, knots = coman(), inside_limits(coman(), n // 15 + 2, seed)
+    at = np.arange(n) / 15.0
+    share = (at % 1.0)[:, None] ** 2 * (3.0 - 2.0 * (at % 1.0)[:, None])
+    q = (1.0 - share) * knots[at.astype(int)] + share * knots[at.astype(int) + 1]
+    return batch.skeletons(made.chain, q)
+
+
+def held_to_its_word(q, dt, speed=SPEED, judged=3):
+    """Poses by coal, paths by proof and, the closest of them, by dense sampling, speeds."""
+    made = coman()
+    report = made.certifier().check(q)
+    assert (report.clearance >= MARGIN).all() and (report.limit_margin >= 0.0).all()
+    found = certify(made, q, BETWEEN)
+    assert (found.status == CERTIFIED).all()
+    assert (np.abs(np.diff(q, axis=0)) <= speed * np.asarray(dt)[:, None]).all()
+    judge = Judge(made.certifier())
+    for row in np.argsort(found.bound)[:judged]:
+        assert judge.path(q[row], q[row + 1]).clearance >= BETWEEN - AGREEMENT
+
+
+# --- safe, whatever comes in
+
+
+BAD = {
+    "nan": lambda x, rng: np.where(rng.random(21) < 0.1, np.nan, x),
+    "inf": lambda x, rng: np.where(rng.random(21) < 0.1, np.inf, x),
+    "zero": lambda x, rng: np.zeros(21),
+    "zero vector": lambda x, rng: np.r_[np.zeros(3), x[3:]],
+    "huge": lambda x, rng: x * 1e300,
+    "tiny": lambda x, rng: x * 1e-7,
+    "none": lambda x, rng: None,
+    "noise": lambda x, rng: x + rng.normal(0.0, 0.15, 21),
+    "teleport": lambda x, rng: rng.normal(size=21),
+    "inside out": lambda x, rng: -x,
+    "swapped": lambda x, rng: np.r_[x[:3], x[12:], x[3:12]],
+    "as it is": lambda x, rng: x,
+}
+TIMES = {
+    "30 Hz": 1.0 / 30.0, "10 kHz": 1e-4, "1 s": 1.0, "an hour": 3600.0, "none": 0.0,
+    "negative": -0.1, "nan": np.nan, "inf": np.inf, "minus inf": -np.inf, "1e-300": 1e-300,
+}  # fmt: skip
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    script=st.lists(
+        st.tuples(st.sampled_from(sorted(BAD)), st.sampled_from(sorted(TIMES))),
+        min_size=1,
+        max_size=25,
+    ),
+    brake=st.sampled_from([0.0, 60.0]),
+    delay=st.booleans(),
+)
+def test_no_input_leads_to_an_unproven_pose_or_step(seed, script, brake, delay):
+    rng = np.random.default_rng(seed)
+    stream = retargeter(brake=brake, delay=delay, cutoff=1.0).start()
+    human = motion()
+    first = int(rng.integers(len(human)))
+    q, dts = [stream.step(human[first], DT).q], []
+    for i, (what, when) in enumerate(script):
+        dt = TIMES[when]
+        with np.errstate(over="ignore"):
+            x = BAD[what](human[(first + i) % len(human)], rng)
+        step = stream.step(x, dt)
+        q.append(step.q)
+        dts.append(min(dt, 1.0) if dt >= 1e-6 else 0.0)
+        assert isinstance(step.mode, Mode) and step.clearance >= MARGIN and step.bound >= BETWEEN
+        assert dts[-1] or (step.mode is Mode.HELD and (step.q == q[-2]).all())
+    held_to_its_word(np.array(q), dts, judged=1)
+
+
+@pytest.mark.parametrize("brake", [0.0, 60.0])
+def test_a_motion_through_the_body_is_followed_around_it(brake):
+    human = motion(240, seed=3)
+    found = retargeter(brake=brake).batch(human, np.arange(len(human)) * DT)
+    held_to_its_word(found.q, np.full(len(human) - 1, DT), judged=6)
+    assert (found.bound >= BETWEEN).all()
+    assert {Mode.START, Mode.LIMITED} <= set(map(Mode, found.mode))
+    assert found.mode[0] == Mode.START
+
+
+def test_without_the_guard_the_same_motion_breaks_every_promise():
+    """Poses as refined, frame by frame: certified each, and not what lies between them."""
+    made, human = coman(), motion(240, seed=3)
+    it, q = retargeter(), []
+    memory = np.zeros((2, made.robot.n_dof))
+    for i, x in enumerate(human):
+        refine(
+            made.chain, it.swept.balls, x, it.propose(x), memory[0], memory[0], i > 0, it.rule,
+            memory[1], np.zeros(3),
+        )  # fmt: skip
+        memory[0] = memory[1]
+        q.append(memory[1].copy())
+    q = np.array(q)
+    assert (made.certifier().check(q).clearance >= MARGIN).all()
+    assert (certify(made, q, BETWEEN).status == COLLIDES).any()
+    assert (np.abs(np.diff(q, axis=0)) > SPEED * DT).any()
+
+
+def test_a_pose_that_only_the_independent_check_refuses_is_not_taken(monkeypatch):
+    stream = retargeter().start()
+    first = stream.step(motion()[0], DT)
+    check = stream._certifier.check
+    monkeypatch.setattr(
+        stream._certifier, "check", lambda q: check(q)._replace(clearance=np.array([0.0]))
+    )
+    second = stream.step(motion()[40], DT)
+    assert second.mode is Mode.HELD and (second.q == first.q).all()
+    assert second.clearance == first.clearance
+
+
+# --- near the human
+
+
+def test_refining_comes_near_the_best_there_is_and_never_falls_behind_the_look_up():
+    """The best is that of 20 starts by a solver that shares no line with ours."""
+    made, it = coman(), retargeter()
+    other = OneByOne(made.robot, made.watched, MARGIN)
+    starts = np.concatenate([made.robot.anchor[None], stored()[0][:19]])
+    x = motion(240, seed=7)[5::80]
+    last, q, out, apart = np.zeros(11), np.zeros(11), np.zeros(3), []
+    for row in x:
+        proposed = it.propose(row)
+        refine(made.chain, it.swept.balls, row, proposed, last, last, False, it.rule, q, out)
+        assert out[0] <= out[1] < np.inf
+        mine = batch.skeletons(made.chain, q[None])
+        best = batch.skeletons(made.chain, other.optimum(row, starts)[None])
+        apart.append(cosine_distance(mine, best)[0])
+    assert np.mean(apart) <= 0.01
+
+
+def test_a_still_human_is_reached_and_then_nothing_moves():
+    x = motion()[0]
+    stream = retargeter().start(coman().robot.anchor)
+    steps = [stream.step(x, DT) for _ in range(90)]
+    assert {Mode.LEAD_IN, Mode.REFINED} <= {step.mode for step in steps}
+    assert steps[-1].distance == pytest.approx(steps[-1].wanted, abs=1e-6)
+    assert np.abs(steps[-1].q - steps[-2].q).max() < 1e-3  # [rad]
+
+
+# --- calm
+
+
+def test_the_brake_bounds_the_change_of_speed_where_nothing_is_in_the_way():
+    stream = retargeter(brake=20.0).start()
+    x = motion()
+    q = np.array([stream.step(x[i // 10 * 10], DT).q for i in range(60)])
+    v = np.diff(q, axis=0) / DT
+    change = np.abs(np.diff(v, axis=0)) / DT
+    assert np.quantile(change, 0.99) <= 20.0 * 1.001  # [rad/s^2]
+
+
+def test_one_odd_frame_goes_unseen_with_a_frame_of_delay():
+    x = motion()[10]
+    odd = np.r_[x[:3], x[12:], x[3:12]]  # left and right swapped
+    for delay in (False, True):
+        stream = retargeter(delay=delay).start()
+        for _ in range(40):
+            before = stream.step(x, DT).q
+        moved = max(np.abs(stream.step(v, DT).q - before).max() for v in (odd, x, x))
+        assert (moved < 1e-3) == delay  # [rad]
+
+
+def test_the_middle_of_three_frames_is_one_of_them():
+    a, b, c = (np.tile(v, 7) for v in np.eye(3))
+    out = np.empty(21)
+    middle(a, a, c, out)
+    assert (out == a).all()
+    middle(a, c, a, out)
+    assert (out == a).all()
+    middle(c, a, a, out)
+    assert (out == a).all()
+    near = a + 0.1 * b
+    middle(a, b, near, out)
+    assert (out == near).all()
+
+
+def test_the_filter_lets_nothing_through_that_is_not_a_direction():
+    rng = np.random.default_rng(3)
+    kept, rate = np.tile([1.0, 0.0, 0.0], 7), np.zeros(21)
+    for _ in range(200):
+        x = rng.normal(size=(7, 3))
+        x /= np.linalg.norm(x, axis=1, keepdims=True)
+        calm(x.ravel(), 10.0 ** rng.uniform(-6, 0), 1.0, 0.5, kept, rate)
+        assert np.abs(np.linalg.norm(kept.reshape(7, 3), axis=1) - 1.0).max() < 1e-12
+    calm(-kept, 1.0, 1e3, 0.0, kept, rate)
+    assert np.isfinite(kept).all()
+
+
+# --- streams
+
+
+def test_a_batch_is_a_stream():
+    x = motion()[:40].copy()
+    x[7] = np.nan
+    times = np.cumsum(np.full(40, DT))
+    found, stream = retargeter().batch(x, times), retargeter().start()
+    for i in range(40):
+        step = stream.step(x[i], times[i] - times[i - 1] if i else DT)
+        assert (step.q == found.q[i]).all() and step.mode == found.mode[i]
+    assert found.mode[7] == Mode.DROPPED
+
+
+def test_a_motion_may_begin_with_frames_that_cannot_be_used():
+    x = motion()[:10].copy()
+    x[:3] = np.nan
+    found = retargeter().batch(x, np.arange(10) * DT)
+    assert (found.mode[:3] == Mode.DROPPED).all() and found.mode[3] == Mode.START
+    assert (found.q[:3] == found.q[3]).all()
+
+
+def test_a_lead_in_goes_from_the_given_pose_to_the_first_frame():
+    x, anchor = motion()[:20], coman().robot.anchor
+    found = retargeter().batch(x, np.arange(20) * DT, anchor, lead_in=1.0)
+    assert len(found.q) == 50 and found.time[0] == pytest.approx(-1.0)
+    assert found.mode[0] == Mode.LEAD_IN
+    path = np.concatenate([anchor[None], found.q])
+    held_to_its_word(path, np.full(50, DT))
+
+
+def test_streams_do_not_disturb_each_other():
+    it, human = retargeter(), motion()
+
+    def run(shift):
+        stream = it.start()
+        return np.array([stream.step(x, DT).q for x in human[shift:]])
+
+    alone = [run(shift) for shift in (0, 10)]
+    together = [None, None]
+
+    def work(i):
+        together[i] = run(10 * i)
+
+    threads = [Thread(target=work, args=(i,)) for i in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all((a == b).all() for a, b in zip(alone, together, strict=True))
+
+
+def test_a_stream_can_be_reset():
+    stream, x = retargeter().start(), motion()
+    first = [stream.step(v, DT).q for v in x[:5]]
+    stream.reset()
+    again = [stream.step(v, DT).q for v in x[:5]]
+    assert (np.array(first) == np.array(again)).all()
+
+
+def test_what_is_not_a_frame_is_refused_and_the_stream_goes_on():
+    stream = retargeter().start()
+    with pytest.raises(ParameterError, match="first frame of a stream has no seven finite vectors"):
+        stream.step(np.full(21, np.nan), DT)
+    stream.step(motion()[0], DT)
+    for bad, words in ((np.zeros(20), r"shape \(21,\) or \(7, 3\), got \(20,\)"), ("x", "numbers")):
+        with pytest.raises(ParameterError, match=words):
+            stream.step(bad, DT)
+    with pytest.raises(ParameterError, match="dt must be a number, got 'soon'"):
+        stream.step(motion()[1], "soon")
+    assert stream.step(motion()[1], DT).clearance >= MARGIN
+
+
+def test_a_robot_that_collides_cannot_start():
+    with pytest.raises(CertificateError, match="apart, wanted at least 2.0000 mm"):
+        retargeter().start(np.zeros(11))
+
+
+@pytest.mark.parametrize(
+    "changed, words",
+    [
+        ({"target": 0.001}, "ordered between <= margin <= target"),
+        ({"between": 0.003}, "ordered between <= margin <= target"),
+        ({"k": 0}, r"k must be in \[1, 1000\]"),
+        ({"k": 2.5}, "k must be a whole number"),
+        ({"speed_factor": float("nan")}, "speed_factor must be in"),
+        ({"check": 1}, "check must be true or false"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(changed, words):
+    with pytest.raises(ParameterError, match=words):
+        retargeter(**changed)
