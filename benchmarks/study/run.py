@@ -92,8 +92,13 @@ def record(run: Run, found: list[dict[str, Any]]) -> None:
         store.write_csv(new.to_dicts(), RUNS)
 
 
-def prepare(clone: Path) -> str:
-    """Clone the last commit, or bring the clone to it; returns the commit."""
+def prepare(clone: Path, update: bool) -> str:
+    """A clone of the last commit, or with `update` one brought to it; returns its commit.
+
+    A study that was begun goes on with the code it began with: another commit would train anew.
+    """
+    if (clone / ".git").is_dir() and not update:
+        return _git(clone, "rev-parse", "HEAD")
     commit = _git(ROOT, "rev-parse", "HEAD")
     if _git(ROOT, "status", "--porcelain", "--", "s3le", "pipeline", "dvc.yaml", "params.yaml"):
         raise SystemExit("the pipeline has changes that are not committed; commit them, then study")
@@ -170,6 +175,7 @@ def main(
     only: Annotated[list[str] | None, typer.Option(help="experiments; all if none")] = None,
     assign: Annotated[list[str] | None, typer.Option("--set", help="parameter=value")] = None,
     again: Annotated[bool, typer.Option(help="make rows anew that are there")] = False,
+    update: Annotated[bool, typer.Option(help="go on with the last commit's code")] = False,
     foreground: Annotated[bool, typer.Option(help="stay, also without a GPU")] = False,
     folder: Annotated[
         Path, typer.Option(help="where it works; one for each study at a time")
@@ -205,7 +211,7 @@ def main(
             f"follow it with: tail -f {log}; call make study again to see how far it is"
         )
         return
-    commit = prepare(folder / "clone")
+    commit = prepare(folder / "clone", update)
     for number, run in enumerate(todo, 1):
         typer.echo(f"{number} of {len(todo)}: {run.experiment}: {run.row}, seed {run.seed}")
         record(run, perform(run, folder / "clone", commit))
