@@ -257,6 +257,7 @@ def test_an_elbow_that_does_not_hang_on_its_shoulder_is_refused(tmp_path):
         ("CHANNELS 6", "CHANNELS 5", "walk.bvh:5: expected JOINT or End or }, got 'Xrotation'"),
         ("CHANNELS 6", "CHANNELS 99999999999999999999", "number of channels must be a whole"),
         ("JOINT LeftUpLeg", "JOINT Left}UpLeg", "walk.bvh:7: no name of a joint: 'Left}UpLeg'"),
+        ("JOINT LeftUpLeg", "JOINT {a: LeftUpLeg", "walk.bvh:7: no name of a joint: '{a: LeftUp"),
         ("\n0 0 0 0", "\n0 0 0 1e9", r"frame 0 \(from 0\) turns a joint by 1.74533e\+07 rad"),
         ("OFFSET 0.1", "OFFSET nan", r"walk.bvh:8: OFFSET must be a number, got 'nan'"),
         ("Frames: 2", "Frames: 3", "Frames: 3, but the file has 2; a truncated file"),

@@ -180,7 +180,7 @@ def _hierarchy(path: Path | str, lines: list[bytes]) -> list[Joint]:
             at += 1
         line = words[at][1]
         expect(b"{")
-        if not name or not _KEYWORDS.isdisjoint(name) or any("}" in part for part in name):
+        if not name or not _KEYWORDS.isdisjoint(name) or set("{}") & set("".join(name)):
             raise refusal(path, line, f"no name of a joint: {shown(' '.join(name))}")
         expect(b"OFFSET")
         offset = np.array(values(3, "OFFSET"))
