@@ -23,7 +23,7 @@ from tiny import environment, good, set_params, shell
 pytestmark = pytest.mark.slow
 STAGES = (
     "robot", "clips", "skeletons", "pair", "sample", "poses", "truth", "coverage", "train@s3le",
-    "index@s3le", "evaluate@s3le", "synthetic", "metrics", "report",
+    "index@s3le", "export", "evaluate@s3le", "synthetic", "metrics", "report",
 )  # fmt: skip
 CHANGED = (".dvc", "data", "reports", "dvc.lock", "params.yaml")
 FIRST = ("robot", "clips", "skeletons", "pair")  # what a run for the mocap pairs makes

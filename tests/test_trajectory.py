@@ -135,7 +135,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, suffix, m
 
     for place in ("s3le.trajectory.parquet.pq.write_table", "numpy.savez_compressed"):
         monkeypatch.setattr(place, fails)
-    monkeypatch.setattr("s3le.store.os.fsync", fails)
+    monkeypatch.setattr("s3le.files.os.fsync", fails)
     with pytest.raises(OSError, match="disk full"):
         files.write(made(rows=9), path)
     assert path.read_bytes() == before

@@ -66,8 +66,8 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
     if "\0" in text:
         raise TrajectoryError(f"{path}: is no text (a zero byte)")
     lines = text.splitlines()
-    if not lines:
-        raise TrajectoryError(f"{path}: is empty")
+    if not lines or not lines[0].strip():
+        raise TrajectoryError(f"{path}: is empty, or its first line is")
     comma = max(",;\t", key=lines[0].count)
     rows = csv.reader(lines, delimiter=comma, strict=True)
     try:
