@@ -143,12 +143,17 @@ def main() -> None:
              "trainings are those of `make study` (benchmarks/study/plan.yaml)."]  # fmt: skip
     for name, what in plan.items():
         own = runs.filter(experiment=name)
+        planned = len(what["seeds"]) * len(what["tries"])
         if own.is_empty():
+            parts += [f"## {name}", f"{what['about']}. None of {planned} trainings is made yet."]
             continue
-        seeds = own["seed"].n_unique()
+        seeds = own.select("row", "seed").n_unique()
         made = ", ".join(own["commit"].unique(maintain_order=True))
         where = "; ".join(own["machine"].unique(maintain_order=True))
-        parts += [f"## {name}", f"{what['about']}. {seeds} seeds; commit {made}; {where}."]
+        parts += [
+            f"## {name}",
+            f"{what['about']}. {seeds} of {planned} trainings; commit {made}; {where}.",
+        ]
         if len(what["evaluate"]) == 2:
             for split in own["split"].unique(maintain_order=True):
                 parts += [f"Split *{split}*:", tries(own.filter(split=split), list(what["tries"]))]
