@@ -1,4 +1,4 @@
-"""`make study`: the trainings behind the tables in docs/study.md, one after the other, resumable.
+"""`make study`: the trainings behind reports/study/study.md, one after the other, resumable.
 
     python benchmarks/study/run.py [--only cmu] [--set clips_mirror=/folder] [--foreground]
 
