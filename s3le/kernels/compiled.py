@@ -33,6 +33,11 @@ def processor() -> str:
 _STORE = Path(config.CACHE_DIR or _HERE / "__pycache__") / f"kernels-{key()}"
 
 
+def stored(kernel: str) -> bool:
+    """Whether an earlier run has left the machine code of a kernel, e.g. 'guard.frame'."""
+    return any(_STORE.rglob(f"{kernel}-*.nbc"))
+
+
 def compiled(function: Callable) -> Callable:
     """Compile a function of arrays: at its first call, without the interpreter's lock, stored."""
     before = config.CACHE_DIR
