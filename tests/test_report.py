@@ -10,7 +10,7 @@ import pytest
 
 from s3le import files
 from s3le.errors import ParameterError
-from s3le.report import bars, curves, growth, maps, page, solid, spaces, strip, style
+from s3le.report import bars, cells, curves, growth, maps, page, solid, spaces, strip, style
 from s3le.robot import model
 from s3le.robot.certificate import placements
 
@@ -483,7 +483,7 @@ def test_page_holds_the_numbers_it_was_given():
 def test_page_compares_the_samplers():
     text = page.markdown(metrics(), {}, {})
     assert line_of(text, "uniform") == "| uniform | 0.063 | 0.060 |"
-    assert line_of(text, "pairs alone") == f"| pairs alone | 0.127 | {page.NONE} |"
+    assert line_of(text, "pairs alone") == f"| pairs alone | 0.127 | {cells.NONE} |"
 
 
 def test_page_shows_the_synthetic_example():
@@ -539,7 +539,7 @@ def test_page_raises_the_alarm_when_a_checked_pose_is_unsafe(rate, what):
      (None, "not measured"), (math.nan, "not measured")],
 )  # fmt: skip
 def test_only_an_exact_zero_reads_as_zero(share, words):
-    assert page._rate(share) == words
+    assert cells.rate(share) == words
 
 
 def test_a_name_cannot_break_a_table():
