@@ -131,6 +131,11 @@ def test_metrics_are_what_a_dvc_user_expects(project):
     for name, found in methods.items():
         if name != "ale":
             assert found["collision_rate"] == found["limit_rate"] == 0.0
+        assert found["segments"] > 0 and found["largest_jump_rad"] > 0.0
+        if name.startswith("certified"):
+            assert found["segment_uncertified_rate"] == found["segment_too_fast_rate"] == 0.0
+    assert {"certified_lookup", "certified_refined"} <= methods.keys()
+    assert "| S3LE + refine + certify |" in (project / "reports/report.md").read_text()
     assert tree["splits"]["test"]["truth"]["collision_rate"] == 0.0
     assert "seconds" not in json.dumps(tree)
     good(project, "dvc", "plots", "show")

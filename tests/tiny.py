@@ -28,7 +28,7 @@ TINY = {
     "synthetic": {"seeds": 2, "points": 60, "steps": 3, "batch": 8, "hidden": 8, "grid": 5},
     "report": {"strip_frames": 2},
 }
-STAGES = 28
+STAGES = 30
 
 
 def swing(path: Path, phase: float, frames: int) -> None:
