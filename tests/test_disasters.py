@@ -72,7 +72,7 @@ def kept(project, tmp_path_factory):
 
 @pytest.fixture
 def here(project, kept):
-    """The project, which is as it was when the test is over; in its place, kernels are compiled."""
+    """The project, which is as it was when the test is over."""
     yield project
     put(kept, project)
 
