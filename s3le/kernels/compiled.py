@@ -38,6 +38,11 @@ def processor() -> str:
 _STORE = Path(config.CACHE_DIR or _HERE / "__pycache__") / f"kernels-{key()}"
 
 
+def stored(kernel: str) -> bool:
+    """Whether an earlier run has left the machine code of a kernel, e.g. 'guard.frame'."""
+    return any(_STORE.rglob(f"{kernel}-*.nbc"))
+
+
 class InOneFolder(UserProvidedCacheLocator):
     """The store itself, whatever folder the code lies in."""
 
