@@ -14,7 +14,7 @@ repro: setup
 
 test: setup
 	@$(RUN) ruff check .
-	@$(RUN) OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile
+	@$(RUN) OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 # Resumable; without a GPU it takes hours and goes on in the background.
 # ARGS="--only cmu --set clips_mirror=/a/mirror/of/cmu"
