@@ -56,14 +56,15 @@ class Coal:
             names = robot.bodies[a].name, robot.bodies[b].name
             self._geometry.addCollisionPair(pin.CollisionPair(*(number[name] for name in names)))
         self._data = self._model.createData()
-        self._scratch = pin.GeometryData(self._geometry)
-        self._on = np.arange(len(machine.watched))
+        self._whole, self._scratch = (pin.GeometryData(self._geometry) for _ in range(2))
+        # These are views: what is measured next is seen in them.
+        self._every = list(self._whole.distanceResults)
+        self._on = np.ones(len(machine.watched), bool)  # which pairs scratch measures
 
     def pairs(self, q: np.ndarray) -> np.ndarray:
         """See Engine."""
-        self._watch(np.arange(len(self._geometry.collisionPairs)))
-        pin.computeDistances(self._model, self._data, self._geometry, self._scratch, q)
-        return np.array([found.min_distance for found in self._scratch.distanceResults]) / _UNIT
+        pin.computeDistances(self._model, self._data, self._geometry, self._whole, q)
+        return np.array([found.min_distance for found in self._every]) / _UNIT
 
     def nearest(self, q: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See Engine."""
@@ -78,11 +79,13 @@ class Coal:
         return least / _UNIT, pair
 
     def _watch(self, rows: np.ndarray) -> None:
-        for row in np.setdiff1d(self._on, rows):
-            self._scratch.deactivateCollisionPair(int(row))
-        for row in np.setdiff1d(rows, self._on):
+        on = np.zeros(len(self._on), bool)
+        on[rows] = True
+        for row in np.flatnonzero(on & ~self._on):
             self._scratch.activateCollisionPair(int(row))
-        self._on = rows
+        for row in np.flatnonzero(self._on & ~on):
+            self._scratch.deactivateCollisionPair(int(row))
+        self._on = on
 
 
 class Mujoco:

@@ -12,6 +12,7 @@ judged is near contact.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.retarget.mode import Mode
 from s3le.retarget.stream import Retargeter
+from s3le.robot.certificate import Certifier
 
 KINDS = ("random", "adversarial", "real")
 FRAMES = 40  # of a stream, its lead from where it starts included
@@ -104,7 +106,7 @@ def draw(
     start = None
     if rng.random() < 0.25:  # from where another human left the robot
         start = np.array(retargeter.propose(targets(retargeter, rng, 1)[0])[0])
-        report = retargeter.machine.certifier().check(start[None])
+        report = _certifier(retargeter).check(start[None])
         if not (report.clearance[0] >= retargeter.machine.margin and report.limit_margin[0] >= 0):
             start = None
     return Script(kind, start, frames)
@@ -117,8 +119,13 @@ def poses(retargeter: Retargeter, rng: np.random.Generator, n: int) -> np.ndarra
     """
     robot = retargeter.machine.robot
     q = rng.uniform(robot.lower, robot.upper, (4 * n, robot.n_dof))
-    clearance = retargeter.machine.certifier().check(q).clearance
+    clearance = _certifier(retargeter).check(q).clearance
     return q[np.argsort(clearance >= 0.0, kind="stable")[:n]]
+
+
+@cache
+def _certifier(retargeter: Retargeter) -> Certifier:
+    return retargeter.machine.certifier()
 
 
 def targets(retargeter: Retargeter, rng: np.random.Generator, n: int) -> np.ndarray:
