@@ -32,8 +32,9 @@ from s3le.errors import S3leError
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-WORK = ROOT / "data/judge"
-REPORTS = ROOT / "reports/judge"
+WORK, REPORTS = Path("data/judge"), Path("reports/judge")
+FOLDER, FRAMES = Path("data/retargeter"), Path("data/skeletons.parquet")
+JUDGED_BY = ("engines.py", "judging.py", "shards.py", "streams.py")  # what decides a shard
 EXAMPLES = """
 
 Examples:
@@ -56,18 +57,16 @@ def main(
     workers: Annotated[int, typer.Option(min=1, help="processes")] = 1,
     search: Annotated[float, typer.Option(help="minutes to search for a violation instead")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="root of all chance")] = 1,
-    folder: Annotated[
-        Path, typer.Option(help="exported retargeter")
-    ] = ROOT / "data/retargeter",
+    folder: Annotated[Path, typer.Option(help="exported retargeter")] = FOLDER,
     clips: Annotated[
-        Path | None, typer.Option(help="folder of clips; without it data/skeletons.parquet")
+        Path | None, typer.Option(help="folder of clips; without it those of the pipeline")
     ] = None,
     reports: Annotated[Path, typer.Option(help="where the record is written")] = REPORTS,
     work: Annotated[Path, typer.Option(help="where shards are kept")] = WORK,
 ) -> None:
     """Judge what the retargeter does, step by step; exit status 1 if a promise is broken."""
     try:
-        court = shards.Court(folder, clips or ROOT / "data/skeletons.parquet")
+        court = shards.Court(folder, clips or FRAMES)
     except S3leError as error:
         raise SystemExit(f"make judge: {error}") from None
     about = describe(court, seed)
@@ -118,7 +117,7 @@ def perform(court: shards.Court, seed: int, todo: Iterable[int], workers: int) -
 def key(court: shards.Court, seed: int) -> str:
     """What decides the content of the shards: code, retargeter, clips, seed, engines."""
     digest = hashlib.sha256()
-    for path in sorted([*(ROOT / "s3le").rglob("*.py"), *HERE.glob("*.py")]):
+    for path in sorted([*(ROOT / "s3le").rglob("*.py"), *(HERE / n for n in JUDGED_BY)]):
         digest.update(path.read_bytes())
     digest.update((court.folder / "retargeter.json").read_bytes())
     digest.update(json.dumps([court.digest, seed, shards.STEPS, court.versions]).encode())
