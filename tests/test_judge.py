@@ -8,9 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from test_retarget import retargeter, stored
 from worlds import MARGIN, coman, inside_limits
 
+from s3le.errors import ParameterError
 from s3le.robot.certificate import placements
 
 ROOT = Path(__file__).parents[1]
@@ -100,6 +103,41 @@ def test_with_the_guard_off_both_see_the_same_input_break_the_promises(mujoco, c
         assert broken["speed"] > len(some) / 10
 
 
+NUMBERS = st.one_of(
+    st.floats(), st.integers(), st.just(10**400), st.booleans(), st.none(), st.text(max_size=3),
+    st.floats(-1.0, 1.0), st.sampled_from([1j, b"x", {}, [], (1.0, 2.0), "0.03"]),
+)  # fmt: skip
+FRAMES = st.one_of(
+    NUMBERS,
+    st.lists(NUMBERS, max_size=22),
+    st.lists(st.floats(-2.0, 2.0), min_size=21, max_size=21),
+    st.lists(st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3), min_size=7, max_size=7),
+    st.tuples(*[NUMBERS] * 21),
+    st.just(np.full(21, "x")),
+    st.just(np.ones((7, 3), complex)),
+    st.just(np.array([10**400] * 21, object)),
+)
+TIMES = st.one_of(st.just(1 / 30), st.floats(), st.floats(1e-7, 2.0), NUMBERS)
+
+
+@settings(max_examples=60, deadline=None)
+@given(script=st.lists(st.tuples(FRAMES, TIMES), min_size=1, max_size=6))
+def test_whatever_comes_in_is_refused_in_words_or_answered_by_a_step_that_holds(coal, script):
+    it, x = retargeter(), stored()[1]
+    stream = it.start()
+    before = stream.step(x[0], 1 / 30).q
+    for given_x, dt in script:
+        try:
+            made = stream.step(given_x, dt)
+        except ParameterError:
+            assert (stream.q == before).all()
+            continue
+        assert coal.step(before, made.q, float(dt)).broken == ()
+        before = made.q
+    after = stream.step(x[1], 1 / 30)
+    assert coal.step(before, after.q, 1 / 30).broken == ()
+
+
 # --- the judge itself
 
 
@@ -183,9 +221,10 @@ def test_a_clearance_between_the_margins_is_for_paths_alone(coal):
 def court(rooms, monkeypatch):
     """A court of the tests' own retargeter."""
     monkeypatch.setattr(rooms.shards, "STEPS", 30)
+    of_its_own = rooms.shards.Court
 
     def make(folder=None, source=None):
-        made = object.__new__(rooms.shards.Court)
+        made = object.__new__(of_its_own)
         made.folder, made.source = Path(folder or "."), Path(source or ".")
         made.plain, made.close = retargeter(), retargeter(target=MARGIN, brake=0.0, check=False)
         made.clips, made.digest = [(30.0, stored()[1][:200])], "clips"
