@@ -101,9 +101,10 @@ def perform(court: shards.Court, seed: int, todo: Iterable[int], workers: int) -
         for i in todo:
             yield i, court.shard(seed, i)
         return
-    with ProcessPoolExecutor(
+    pool = ProcessPoolExecutor(
         workers, get_context("spawn"), shards.begin, (court.folder, court.source)
-    ) as pool:
+    )
+    try:
         running, todo = {}, iter(todo)
         while True:
             while len(running) < 2 * workers and (i := next(todo, None)) is not None:
@@ -112,6 +113,8 @@ def perform(court: shards.Court, seed: int, todo: Iterable[int], workers: int) -
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 yield running.pop(future), future.result()
+    finally:  # also when it is stopped: what was not begun is for the next time
+        pool.shutdown(cancel_futures=True)
 
 
 def key(court: shards.Court, seed: int) -> str:

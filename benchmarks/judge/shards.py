@@ -1,6 +1,7 @@
 """One shard of the judgement: streams drawn from its number, followed, and every step judged."""
 
 import hashlib
+import signal
 from collections import Counter
 from collections.abc import Iterable
 from importlib.metadata import version
@@ -176,6 +177,7 @@ _court: Court | None = None  # of a worker process
 def begin(folder: Path, source: Path) -> None:
     """Load, once in each worker."""
     global _court
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for the parent to stop
     _court = Court(folder, source)
 
 

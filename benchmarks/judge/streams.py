@@ -148,9 +148,9 @@ def _adversarial(retargeter: Retargeter, rng: np.random.Generator) -> list:
     places = np.concatenate([places, mirrored(places), [swapped(x) for x in places]])
     usual = float(rng.choice([1 / 30, 1 / 30, 1 / 30, 1 / 15, 1 / 15, 0.2, 1e-4]))
     stays, odd, x = int(rng.integers(1, 12)), rng.choice([0.0, 0.1, 0.4]), places[0]
-    frames: list[tuple[np.ndarray | None, float]] = [(x, usual)]
+    frames: list[tuple[np.ndarray | None, float]] = []
     while len(frames) < FRAMES:
-        if len(frames) % stays == 0:
+        if frames and len(frames) % stays == 0:
             x = places[rng.integers(len(places))]
         given, dt = x, usual
         if rng.random() < odd:
