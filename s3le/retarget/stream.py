@@ -111,7 +111,7 @@ class Stream:
         memory, started = self._memory, bool(self._memory.flag[guard.WARM])
         try:
             dt = min(float(dt), LONGEST)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ParameterError(f"dt must be a number, got {dt!r}") from None
         if started and not dt >= SHORTEST:  # catches NaN
             return self._hold(Mode.HELD)
@@ -334,8 +334,10 @@ def _directions(x: np.ndarray) -> np.ndarray | None:
         ParameterError: x has another shape or holds no numbers.
     """
     try:
+        if np.iscomplexobj(x):
+            raise TypeError
         x = np.asarray(x, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # the last: an int beyond every float
         raise ParameterError("a frame must hold numbers") from None
     if x.shape not in ((DIM,), (len(BONES), 3)):
         raise ParameterError(f"a frame must have shape ({DIM},) or (7, 3), got {x.shape}")
