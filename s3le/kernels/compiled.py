@@ -51,6 +51,10 @@ class InOneFolder(UserProvidedCacheLocator):
         """Where in the store the code of a file is kept; its files are named by module."""
         return ""
 
+    def get_source_stamp(self) -> str:
+        """What makes stored code old: the text, which names the store; never a file's time."""
+        return _STORE.name
+
 
 # numba takes the first of these that can be written to.
 _LOCATORS = f"{__name__}.{InOneFolder.__name__},InTreeCacheLocator,UserWideCacheLocator"
