@@ -15,7 +15,7 @@ AZIMUTH = 22.0  # [deg] the camera stands in front, this far towards the subject
 ELEVATION = 14.0  # [deg] and this far above
 
 _LIGHT = np.array([-0.50, 0.72, 0.62])
-_FINE = 3  # rays per pixel and direction
+_FINE = 3  # rays per pixel and direction, of a still picture
 _STEP = 0.012  # [m] a jump in depth that earns an outline
 _SPREAD = 0.05  # [m] how far crevices are darkened
 
@@ -77,6 +77,7 @@ class Painter(NamedTuple):
     rays: Callable[..., tuple[np.ndarray, np.ndarray]]
     # (ends, radius, floor, u, v, view) -> share of light lost (h, w)
     shadow: Callable[..., np.ndarray]
+    fine: int  # rays per pixel and direction
 
 
 def render(
@@ -122,7 +123,7 @@ def render(
     if min(part) > 0:
         start = corner[0] + columns.start / scale, corner[1] - rows.start / scale
         colour, cover = painter.rays(
-            ends @ view.T, radius, np.asarray(colours, float), start, scale, part, _FINE
+            ends @ view.T, radius, np.asarray(colours, float), start, scale, part, painter.fine
         )
         picture[rows, columns] = picture[rows, columns] * (1.0 - cover) + colour
     return np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
@@ -274,4 +275,4 @@ def _shadow(ends, radius, floor, u, v, view):
     return lost
 
 
-PLAIN = Painter(_rays, _shadow)
+PLAIN = Painter(_rays, _shadow, _FINE)

@@ -1,0 +1,5 @@
+"""`s3le view`."""
+
+
+def view() -> None:
+    """Later."""

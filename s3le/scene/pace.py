@@ -1,0 +1,56 @@
+"""Where a robot could not do what was wanted: the modes of a motion's rows, told by kind.
+
+A file without modes is judged by what it does: rows in which no joint moves stand still.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from s3le.scene.motion import Shown, modes, poses
+
+
+class Kind(NamedTuple):
+    """A kind of mode."""
+
+    label: str
+    colour: str  # the same on white and on dark grey
+
+
+# Okabe and Ito's palette, as s3le.report.style has it.
+PLAIN = Kind("follows", "#8aa0b3")
+SLOWED = Kind("slowed", "#E69F00")
+DETOUR = Kind("detour", "#CC79A7")
+HELD = Kind("held", "#c4161c")
+APPROACH = Kind("approach", "#56B4E9")
+STILL = Kind("still", "#c4161c")
+KINDS = (PLAIN, SLOWED, DETOUR, HELD, APPROACH, STILL)  # in reading order
+
+_KIND_OF = {
+    "limited": SLOWED,
+    "eased": SLOWED,
+    "shortened": SLOWED,
+    "detour": DETOUR,
+    "held": HELD,
+    "dropped": HELD,
+    "start": APPROACH,
+    "lead_in": APPROACH,
+}
+
+
+def kinds(shown: Shown, times: np.ndarray) -> np.ndarray:
+    """Kind of each moment, as an index into KINDS, int (n,)."""
+    words = modes(shown, times)
+    if words is not None:
+        index = {word: KINDS.index(_KIND_OF.get(word, PLAIN)) for word in np.unique(words)}
+        return np.array([index[word] for word in words], int)
+    q = poses(shown, times)
+    still = np.abs(np.diff(q, axis=0, prepend=q[:1] + 1.0)).max(axis=1) == 0.0
+    return np.where(still, KINDS.index(STILL), KINDS.index(PLAIN))
+
+
+def spans(kind: np.ndarray) -> list[tuple[int, int, Kind]]:
+    """Runs of moments of one kind but PLAIN: (first, one after the last, kind)."""
+    edges = np.flatnonzero(np.diff(kind, prepend=-1, append=-1))
+    runs = zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+    return [(a, b, KINDS[kind[a]]) for a, b in runs if KINDS[kind[a]] is not PLAIN]
