@@ -13,7 +13,7 @@ from s3le.errors import ParameterError
 from s3le.report import bars, cells, curves, growth, maps, page, solid, spaces, strip, style
 from s3le.robot import model
 from s3le.robot.certificate import placements
-from s3le.scene import human, raster
+from s3le.scene import human
 
 ROOT = Path(__file__).parents[1]
 METHODS = list(style.METHODS)

@@ -1,5 +1,7 @@
 """The page: one scene, one panel, the same for everybody who opens it."""
 
+import contextlib
+import io
 import threading
 import time as clock
 from collections.abc import Callable
@@ -10,7 +12,6 @@ import viser
 
 from s3le.errors import FilmError
 from s3le.kernels import batch
-from s3le.report.solid import AZIMUTH
 from s3le.scene import motion, pace
 from s3le.scene.human import NOMINAL, Size
 from s3le.scene.motion import Human, Shown
@@ -23,8 +24,8 @@ BESIDE, BESIDE_SMALL, OVER, HIDDEN = "beside", "beside, robot's size", "over the
 COLOURS = ("#7d9bb8", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8c6d31", "#7f7f7f")
 APART = 0.95  # [m] between figures
 REFRESH = 1.0 / 30.0  # [s]
-TOOLS = ("⏮", "◀", "▶", "⏭")
-VIEWS = {"front": (AZIMUTH, 12.0), "left": (90.0, 8.0), "right": (-90.0, 8.0), "above": (0.0, 75.0)}
+TOOLS = ("|◀", "◀", "▶", "▶|")
+VIEWS = {"front": (12.0, 12.0), "left": (90.0, 8.0), "right": (-90.0, 8.0), "above": (0.0, 75.0)}
 
 
 class Page:
@@ -60,7 +61,8 @@ class Page:
             for m, q in zip(motions, self._q, strict=True)
         ]
         try:
-            self._server = viser.ViserServer(host=host, port=port, label="S3LE", verbose=False)
+            with contextlib.redirect_stdout(io.StringIO()):  # it greets even when told not to
+                self._server = viser.ViserServer(host=host, port=port, label="S3LE", verbose=False)
         except OSError as error:
             raise FilmError(f"{host}:{port} cannot be listened on ({error})") from None
         self._lock = threading.Lock()  # one thread draws at a time
@@ -95,6 +97,7 @@ class Page:
     def _build_scene(self) -> None:
         scene = self._server.scene
         scene.set_up_direction("+z")
+        scene.configure_default_lights(cast_shadow=False)  # dear where there is no GPU
         floors = [
             (batch.capsule_ends(m.machine.chain, q[:1])[0][..., 2].min(axis=1)
              - m.machine.chain.body_radius).min()
@@ -126,7 +129,7 @@ class Page:
             fade_distance=8.0, shadow_opacity=0.25,
         )  # fmt: skip
         self._middle = (0.0, 0.0, max(hips) * 1.05)
-        self._far = 1.55 + 0.62 * figures
+        self._far = max(2.3, (APART * figures + 0.4) / 0.69)  # what a square window holds
         camera = self._server.initial_camera
         camera.position, camera.look_at = self._from(*VIEWS["front"]), self._middle
         camera.up = (0.0, 0.0, 1.0)
@@ -170,6 +173,10 @@ class Page:
             self._humans = [
                 HumanNodes(self._server, "/human", self.human, size, self._human_place, 0.0)
             ]
+            self._server.scene.add_label(
+                "/human/name", f"human: {self.human.label}", anchor="bottom-center",
+                position=(0.0, 0.0, 1.72 * size.trunk),
+            )  # fmt: skip
 
     # --- the panel
 
@@ -222,7 +229,7 @@ class Page:
 
     def _theme(self, dark: bool) -> None:
         self._server.gui.configure_theme(
-            control_layout="floating", control_width="large", dark_mode=dark, show_logo=False,
+            control_layout="collapsible", control_width="medium", dark_mode=dark, show_logo=False,
             show_share_button=False, brand_color=(0, 114, 178),
         )  # fmt: skip
 
