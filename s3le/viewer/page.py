@@ -1,7 +1,9 @@
 """The page: one scene, one panel, the same for everybody who opens it."""
 
 import contextlib
+import errno
 import io
+import socket
 import threading
 import time as clock
 from collections.abc import Callable
@@ -22,10 +24,28 @@ from s3le.viewer.player import SPEEDS, Player
 
 BESIDE, BESIDE_SMALL, OVER, HIDDEN = "beside", "beside, robot's size", "over the robots", "hidden"
 COLOURS = ("#7d9bb8", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8c6d31", "#7f7f7f")
+TRIES = 100  # ports
 APART = 0.95  # [m] between figures
 REFRESH = 1.0 / 30.0  # [s]
 TOOLS = ("|◀", "◀", "▶", "▶|")
 VIEWS = {"front": (12.0, 12.0), "left": (90.0, 8.0), "right": (-90.0, 8.0), "above": (0.0, 75.0)}
+
+
+def free_port(host: str, port: int) -> int:
+    """The port, or the next one that is free; 0: any. viser would wait for ever on a foreign host.
+
+    Raises:
+        FilmError: the address cannot be listened on.
+    """
+    for wanted in range(port, min(port + TRIES, 65_536)):
+        try:
+            with socket.create_server((host, wanted)) as free:
+                return free.getsockname()[1]
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                reason = error.strerror or str(error)
+                raise FilmError(f"{host}:{wanted} cannot be listened on ({reason})") from None
+    raise FilmError(f"{host}: ports {port} to {port + TRIES - 1} are taken; give another --port")
 
 
 class Page:
@@ -60,11 +80,9 @@ class Page:
             batch.clearances(m.machine.chain, q, progress)
             for m, q in zip(motions, self._q, strict=True)
         ]
-        try:
-            with contextlib.redirect_stdout(io.StringIO()):  # it greets even when told not to
-                self._server = viser.ViserServer(host=host, port=port, label="S3LE", verbose=False)
-        except OSError as error:
-            raise FilmError(f"{host}:{port} cannot be listened on ({error})") from None
+        port = free_port(host, port)
+        with contextlib.redirect_stdout(io.StringIO()):  # it greets even when told not to
+            self._server = viser.ViserServer(host=host, port=port, label="S3LE", verbose=False)
         self._lock = threading.Lock()  # one thread draws at a time
         self._stale = True
         self._shown_index = -1
@@ -90,7 +108,8 @@ class Page:
 
     def stop(self) -> None:
         """Close the page."""
-        self._server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
 
     # --- the scene
 
