@@ -23,7 +23,8 @@ from s3le.scene import motion
 
 ROOT = Path(__file__).parents[1]
 ROBOT = ["--robot", str(ROOT / "data" / "robots" / "coman.yaml")]
-CHROMIUM = next((p for p in ("chromium", "chromium-browser", "google-chrome") if shutil.which(p)), "")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM = next((shutil.which(name) for name in BROWSERS if shutil.which(name)), None)
 FLAGS = [  # no screen, no GPU, no network of its own
     "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -44,7 +45,8 @@ def walk(tmp_path):
 def picture(path):
     from PIL import Image
 
-    return np.array(Image.open(path).convert("RGB"))
+    with Image.open(path) as image:
+        return np.array(image.convert("RGB"))
 
 
 # --- strips and films
@@ -53,8 +55,8 @@ def picture(path):
 def test_a_strip_is_the_same_bytes_twice_and_changes_with_what_is_asked(walk, tmp_path):
     made = {}
     for name, options in {
-        "a": [], "b": [], "left": ["--camera", "left"], "three": ["--frames", "3"],
-        "alone": ["--human", "none"], "small": ["--size", "700"],
+        "a": [], "b": [], "three": ["--frames", "3", "--camera", "left"],
+        "alone": ["--human", "none", "--size", "700"],
     }.items():  # fmt: skip
         said = run("render", walk, *ROBOT, "--out", tmp_path / f"{name}.png", *options)
         assert said.exit_code == 0, said.output
@@ -87,10 +89,11 @@ def test_a_gif_keeps_time(walk, tmp_path):
 
     said = run("render", walk, *ROBOT, "--out", tmp_path / "a.gif", "--fps", 30, "--size", 320)
     assert said.exit_code == 0, said.output
-    film, spent = Image.open(tmp_path / "a.gif"), 0
-    for frame in range(film.n_frames):
-        film.seek(frame)
-        spent += film.info["duration"]
+    spent = 0
+    with Image.open(tmp_path / "a.gif") as film:
+        for frame in range(film.n_frames):
+            film.seek(frame)
+            spent += film.info["duration"]
     assert spent == pytest.approx(1000, abs=10)
 
 
@@ -171,10 +174,13 @@ def test_what_cannot_be_viewed_is_one_line(walk, options, message):
     assert message in said.stderr and len(said.stderr.splitlines()) == 1
 
 
-@pytest.fixture
-def served(walk):
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
     """The viewer in a process of its own, and its address."""
     pytest.importorskip("viser")
+    folder = tmp_path_factory.mktemp("served")
+    clip = wave(folder)
+    walk = moving(folder, about=motion.about_clip(clip, folder)).path
     viewer = subprocess.Popen(
         [sys.executable, "-m", "s3le.cli", "view", str(walk), *ROBOT, "--port", "0"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -190,22 +196,13 @@ def served(walk):
         viewer.communicate()
 
 
-def test_it_serves_until_ctrl_c_and_ends_cleanly(served):
-    viewer, address = served
-    with urllib.request.urlopen(address, timeout=30) as page:
-        assert page.status == 200 and b"<html" in page.read()
-    viewer.send_signal(signal.SIGINT)
-    said, complaint = viewer.communicate(timeout=30)
-    assert viewer.returncode == 0 and not said and not complaint.strip()
-
-
 @pytest.mark.skipif(not CHROMIUM, reason="no Chromium on this machine")
 def test_the_page_plays_scrubs_and_shows_the_robot(served, tmp_path):
     api = pytest.importorskip("playwright.sync_api")
     _, address = served
     wrong, asked = [], []
     with api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=shutil.which(CHROMIUM), args=FLAGS)
+        browser = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         page = browser.new_page(viewport={"width": 640, "height": 420})
         page.set_default_timeout(60_000)
         page.on("console", lambda said: said.type == "error" and wrong.append(said.text))
@@ -216,16 +213,13 @@ def test_the_page_plays_scrubs_and_shows_the_robot(served, tmp_path):
         page.get_by_text("0.000 s").wait_for()
         slider = page.get_by_role("slider").first
 
-        def look():
-            return canvas_of(page)
-
-        first = look()
+        first = canvas_of(page)
         assert colours(first) > 200  # not a blank canvas
         # The slider moves the robot.
         slider.focus()
         page.keyboard.press("End")
         page.get_by_text("30 of 30").wait_for()
-        assert differ(first, look())
+        assert differ(first, canvas_of(page))
         # A held frame is said to be one, and the closest pair is named.
         page.get_by_label("closest pair").click()
         page.get_by_text("closest: ").wait_for()
@@ -247,7 +241,8 @@ def canvas_of(page):
     from PIL import Image
 
     shot = page.screenshot(timeout=60_000, clip={"x": 0, "y": 0, "width": 330, "height": 420})
-    return np.array(Image.open(BytesIO(shot)).convert("RGB")).astype(int)
+    with Image.open(BytesIO(shot)) as image:
+        return np.array(image.convert("RGB")).astype(int)
 
 
 def colours(seen):
@@ -256,3 +251,13 @@ def colours(seen):
 
 def differ(a, b):
     return (np.abs(a - b).max(axis=2) > 40).sum() > 100
+
+
+# Last, for it ends what the tests above look at.
+def test_it_serves_until_ctrl_c_and_ends_cleanly(served):
+    viewer, address = served
+    with urllib.request.urlopen(address, timeout=30) as page:
+        assert page.status == 200 and b"<html" in page.read()
+    viewer.send_signal(signal.SIGINT)
+    said, complaint = viewer.communicate(timeout=30)
+    assert viewer.returncode == 0 and not said and not complaint.strip()
