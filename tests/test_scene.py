@@ -20,8 +20,8 @@ FAST = solid.Painter(raster.rays, raster.shadow, 2)
 SLOW = solid.PLAIN._replace(fine=2)
 
 
-def wave(folder, frames=30):
-    rows = [[0, 0, 0, 0, 0, 0, -3 * k, 0, 0, 0, 0, 0] for k in range(frames)]
+def wave(folder, frames=30, by=3.0):
+    rows = [[0, 0, 0, 0, 0, 0, -by * k, 0, 0, 0, 0, 0] for k in range(frames)]
     return write(folder / "clips" / "wave.bvh", bvh(rows, order="ZXY", step=f"{1 / 30:.9f}"))
 
 

@@ -3,13 +3,14 @@
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
+import time
 import urllib.request
 from pathlib import Path
 
+import browser
 import numpy as np
 import pytest
 from follower import Plain, follow_by
@@ -23,12 +24,6 @@ from s3le.scene import motion
 
 ROOT = Path(__file__).parents[1]
 ROBOT = ["--robot", str(ROOT / "data" / "robots" / "coman.yaml")]
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-CHROMIUM = next((shutil.which(name) for name in BROWSERS if shutil.which(name)), None)
-FLAGS = [  # no screen, no GPU, no network of its own
-    "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-]  # fmt: skip
 
 
 def run(*words):
@@ -179,7 +174,7 @@ def served(tmp_path_factory):
     """The viewer in a process of its own, and its address."""
     pytest.importorskip("viser")
     folder = tmp_path_factory.mktemp("served")
-    clip = wave(folder)
+    clip = wave(folder, by=0.0)  # the human stands, so what moves is the robot
     walk = moving(folder, about=motion.about_clip(clip, folder)).path
     viewer = subprocess.Popen(
         [sys.executable, "-m", "s3le.cli", "view", str(walk), *ROBOT, "--port", "0"],
@@ -196,51 +191,47 @@ def served(tmp_path_factory):
         viewer.communicate()
 
 
-@pytest.mark.skipif(not CHROMIUM, reason="no Chromium on this machine")
+@pytest.mark.skipif(not browser.PATH, reason="no Chromium on this machine")
 def test_the_page_plays_scrubs_and_shows_the_robot(served, tmp_path):
-    api = pytest.importorskip("playwright.sync_api")
     _, address = served
-    wrong, asked = [], []
-    with api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        page = browser.new_page(viewport={"width": 640, "height": 420})
-        page.set_default_timeout(60_000)
-        page.on("console", lambda said: said.type == "error" and wrong.append(said.text))
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto(address)
-        page.get_by_role("button", name="Play", exact=True).wait_for()
-        page.get_by_text("0.000 s").wait_for()
-        slider = page.get_by_role("slider").first
-
-        first = canvas_of(page)
-        assert colours(first) > 200  # not a blank canvas
+    with browser.opened(tmp_path, 640, 420) as page:
+        page.call("Page.navigate", url=address)
+        page.says(r"0\.000 s, 1 of 30")
+        first = canvas_of(page, lambda seen: colours(seen) > 200)  # not a blank one
         # The slider moves the robot.
-        slider.focus()
-        page.keyboard.press("End")
-        page.get_by_text("30 of 30").wait_for()
-        assert differ(first, canvas_of(page))
-        # A held frame is said to be one, and the closest pair is named.
-        page.get_by_label("closest pair").click()
-        page.get_by_text("closest: ").wait_for()
+        page.run("document.querySelector('[role=slider]').focus()")
+        page.press("End", 35)
+        page.says("30 of 30")
+        canvas_of(page, lambda seen: differ(first, seen))
+        # The closest pair is named.
+        page.click("label", "closest pair")
+        page.says("closest: .* and ")
         # It plays: the moment moves on by itself, and stops when told to.
-        page.get_by_role("button", name="Play", exact=True).click()
-        page.get_by_role("button", name="Pause", exact=True).wait_for()
-        page.get_by_text(re.compile(r"\b(?!1 |30 )\d+ of 30")).wait_for()
-        page.get_by_role("button", name="Pause", exact=True).click()
-        page.get_by_role("button", name="Play", exact=True).wait_for()
-        browser.close()
-    assert wrong == []
-    assert asked and all(url.startswith((address, "data:", "blob:")) for url in asked)
+        page.click("button", "Play")
+        page.says(r"\b([2-9]|1[0-9]|2[0-9]) of 30")
+        page.click("button", "Pause")
+        page.wait("![...document.querySelectorAll('button')].some(e => e.innerText == 'Pause')")
+        stands = page.run(browser.TEXT)
+        assert page.run(browser.TEXT) == stands
+    assert page.wrong == []
+    assert page.asked and all(url.startswith((address, "data:", "blob:")) for url in page.asked)
 
 
-def canvas_of(page):
-    """What the scene shows, without the panel."""
+def canvas_of(page, wanted):
+    """What the scene shows, without the panel, once it is as wanted."""
+    for _ in range(20):  # a page draws when it can
+        if wanted(seen := _canvas(page)):
+            return seen
+        time.sleep(0.2)
+    raise AssertionError("the canvas never showed it")
+
+
+def _canvas(page):
     from io import BytesIO
 
     from PIL import Image
 
-    shot = page.screenshot(timeout=60_000, clip={"x": 0, "y": 0, "width": 330, "height": 420})
+    shot = page.screenshot(x=0, y=0, width=330, height=420)
     with Image.open(BytesIO(shot)) as image:
         return np.array(image.convert("RGB")).astype(int)
 

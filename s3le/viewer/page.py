@@ -148,7 +148,7 @@ class Page:
             fade_distance=8.0, shadow_opacity=0.25,
         )  # fmt: skip
         self._middle = (0.0, 0.0, max(hips) * 1.05)
-        self._far = max(2.3, (APART * figures + 0.4) / 0.69)  # what a square window holds
+        self._far = max(2.3, (APART * figures + 0.7) / 0.69)  # what a square window holds
         camera = self._server.initial_camera
         camera.position, camera.look_at = self._from(*VIEWS["front"]), self._middle
         camera.up = (0.0, 0.0, 1.0)
@@ -203,11 +203,11 @@ class Page:
         gui, player = self._server.gui, self.player
         self._theme(False)
         times = player.times
-        step = float(np.diff(times).min()) if len(times) > 1 else 0.01
         self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY)
         self._slider = gui.add_slider(
-            "time [s]", float(times[0]), float(max(times[-1], times[0] + step)),
-            round(step, 6), float(times[0]),
+            "time [s]", float(np.floor(times[0] * 1e3) / 1e3),
+            float(np.ceil(max(times[-1], times[0] + 0.001) * 1e3) / 1e3), 0.001,
+            round(float(times[0]), 3),
         )  # fmt: skip
         n = len(self.motions)
         self._cursor = gui.add_html(timeline.cursor(0.0, n))
@@ -293,7 +293,7 @@ class Page:
             for i, human in enumerate(self._humans):
                 over = self._stance.value == OVER
                 human.move(moment, self._robots[i].place + self._hip(i, index) if over else None)
-            self._slider.value = moment
+            self._slider.value = round(moment, 3)
             share = index / max(len(self.player.times) - 1, 1)
             self._cursor.content = timeline.cursor(share, len(self.motions))
             self._words.content = self._say(index, moment)
