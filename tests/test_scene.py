@@ -1,5 +1,7 @@
 """Motions as they are seen: at any moment, by kind, from the joints' frames, through the rays."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from handmade import bvh, write
@@ -133,6 +135,11 @@ def test_kinds_are_told_from_modes_or_from_what_the_robot_does(tmp_path):
     shown = moving(tmp_path)
     kind = pace.kinds(shown, shown.trajectory.time)
     assert pace.spans(kind) == [(5, 9, pace.HELD), (12, 14, pace.SLOWED)]
+    mode = np.array(shown.trajectory.mode)
+    mode[3:8] = mode[29] = trajectory.BETWEEN  # on the way to row 8, which is held; to nowhere
+    dense = replace(shown.trajectory, mode=mode)
+    kind = pace.kinds(shown._replace(trajectory=dense), dense.time)
+    assert pace.spans(kind) == [(3, 9, pace.HELD), (12, 14, pace.SLOWED)]
     robot = coman().robot
     q = np.repeat(robot.anchor[None], 6, 0)
     q[3:, 0] += 0.01

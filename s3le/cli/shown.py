@@ -76,8 +76,9 @@ def _read(
     from s3le.scene import motion
     from s3le.trajectory import files
 
+    trajectory = files.read(path, rate, names)
     if may_choose:
-        about = files.read(path, rate, names).about
+        about = trajectory.about
         made_for = about.get("robot_hash")
         if made_for not in (None, usual.robot.digest):
             try:
@@ -87,7 +88,7 @@ def _read(
             else:
                 if other.robot.digest == made_for:
                     usual = other
-    return motion.read(path, usual, rate, names, degrees)
+    return motion.of(trajectory, path, usual, degrees)
 
 
 def camera(given: str | None) -> tuple[float, float] | None:

@@ -54,7 +54,12 @@ def read(
     Raises:
         TrajectoryError: what the audit's reader refuses.
     """
-    fitted = fit(files.read(path, fps, joints), machine.robot, degrees)
+    return of(files.read(path, fps, joints), path, machine, degrees)
+
+
+def of(trajectory: Trajectory, path: Path, machine: Machine, degrees: bool = False) -> Shown:
+    """The motion that a file's trajectory is, of a robot; see read."""
+    fitted = fit(trajectory, machine.robot, degrees)
     return Shown(path.stem, path, machine, fitted.trajectory, fitted.notes)
 
 
@@ -135,8 +140,13 @@ def modes(shown: Shown, times: np.ndarray) -> np.ndarray | None:
     """How the row that each moment is, or leads to, was obtained: str (n,); None: not said."""
     if shown.trajectory.mode is None:
         return None
+    return shown.trajectory.mode[upcoming(shown, times)]
+
+
+def upcoming(shown: Shown, times: np.ndarray) -> np.ndarray:
+    """The row that each moment is, or leads to, int (n,)."""
     row = np.searchsorted(shown.trajectory.time, np.asarray(times) - ON_ROW)
-    return shown.trajectory.mode[np.minimum(row, len(shown.trajectory.time) - 1)]
+    return np.minimum(row, len(shown.trajectory.time) - 1)
 
 
 def skeletons(seen: Human, times: np.ndarray) -> np.ndarray:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s3le.scene.motion import Shown, modes, poses
+from s3le.scene.motion import Shown, poses, upcoming
+from s3le.trajectory.trajectory import BETWEEN
 
 
 class Kind(NamedTuple):
@@ -40,10 +41,14 @@ _KIND_OF = {
 
 def kinds(shown: Shown, times: np.ndarray) -> np.ndarray:
     """Kind of each moment, as an index into KINDS, int (n,)."""
-    words = modes(shown, times)
+    words = shown.trajectory.mode
     if words is not None:
-        index = {word: KINDS.index(_KIND_OF.get(word, PLAIN)) for word in np.unique(words)}
-        return np.array([index[word] for word in words], int)
+        # A row on the way between two frames is of the kind of the frame that it leads to.
+        rows = np.where(words == BETWEEN, len(words) - 1, np.arange(len(words)))
+        leads = np.minimum.accumulate(rows[::-1])[::-1]
+        found, which = np.unique(words, return_inverse=True)
+        kind = np.array([KINDS.index(_KIND_OF.get(str(word), PLAIN)) for word in found], int)
+        return kind[which[leads[upcoming(shown, times)]]]
     q = poses(shown, times)
     still = np.abs(np.diff(q, axis=0, prepend=q[:1] + 1.0)).max(axis=1) == 0.0
     return np.where(still, KINDS.index(STILL), KINDS.index(PLAIN))
