@@ -16,10 +16,16 @@ FORMATS = (".mp4", ".gif")
 _QUALITY = "20"  # of H.264: 18 is taken for lossless by eye, 23 is usual
 _MOST_GIF = 50.0  # [Hz] browsers show faster GIFs slower
 _COLOURS = 128
+_APART = 12  # of 256, in each of red, green and blue
 
 
 def write(
-    path: Path, pictures: Iterable[np.ndarray], count: int, size: tuple[int, int], fps: float
+    path: Path,
+    pictures: Iterable[np.ndarray],
+    count: int,
+    size: tuple[int, int],
+    fps: float,
+    keep: tuple[str, ...] = (),
 ) -> None:
     """Write a film.
 
@@ -29,6 +35,7 @@ def write(
         count: how many there are.
         size: width and height, even numbers.
         fps: pictures per second [Hz].
+        keep: colours ("#rrggbb") that a GIF must have, though its first picture may not.
 
     Raises:
         FilmError: another suffix, a package that is not installed, or a rate that it cannot have.
@@ -39,12 +46,13 @@ def write(
         raise FilmError(f"{path}: films end in {', '.join(FORMATS)}")
     if path.suffix.lower() == ".gif" and fps > _MOST_GIF:
         raise FilmError(f"{path}: a GIF has at most {_MOST_GIF:g} pictures a second, not {fps:g}")
-    replace(path, lambda part: made(part, pictures, count, size, fps))
+    if made is _gif:
+        replace(path, lambda part: _gif(part, pictures, count, fps, keep))
+    else:
+        replace(path, lambda part: _mp4(part, pictures, size, fps))
 
 
-def _mp4(
-    part: Path, pictures: Iterable[np.ndarray], count: int, size: tuple[int, int], fps: float
-) -> None:
+def _mp4(part: Path, pictures: Iterable[np.ndarray], size: tuple[int, int], fps: float) -> None:
     try:
         import av
     except ModuleNotFoundError:
@@ -67,14 +75,20 @@ def _mp4(
 
 
 def _gif(
-    part: Path, pictures: Iterable[np.ndarray], count: int, size: tuple[int, int], fps: float
+    part: Path, pictures: Iterable[np.ndarray], count: int, fps: float, keep: tuple[str, ...]
 ) -> None:
     from PIL import Image
 
     frames = iter(pictures)
     first = Image.fromarray(next(frames))
     # One palette for all, so that colours do not flicker.
-    palette = first.quantize(_COLOURS, Image.Quantize.MEDIANCUT)
+    found = first.quantize(_COLOURS, Image.Quantize.MEDIANCUT).getpalette()[: 3 * _COLOURS]
+    found = np.array(found).reshape(-1, 3)
+    fixed = np.array([list(bytes.fromhex(colour[1:])) for colour in ("#ffffff", *keep)])
+    # pillow takes a near colour for the nearest, so none may be near one that is to be kept.
+    far = np.abs(found[:, None] - fixed).max(axis=2).min(axis=1) > _APART
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(np.concatenate([fixed, found[far]]).ravel().tolist())
 
     def thin(picture: Image.Image) -> Image.Image:
         return picture.quantize(palette=palette, dither=Image.Dither.NONE)

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from s3le import following
 from s3le.cli import shell
 from s3le.cli.main import app
-from s3le.scene import motion
+from s3le.scene import motion, pace
 
 ROOT = Path(__file__).parents[1]
 ROBOT = ["--robot", str(ROOT / "data" / "robots" / "coman.yaml")]
@@ -84,11 +84,13 @@ def test_a_gif_keeps_time(walk, tmp_path):
 
     said = run("render", walk, *ROBOT, "--out", tmp_path / "a.gif", "--fps", 30, "--size", 320)
     assert said.exit_code == 0, said.output
-    spent = 0
+    spent, held = 0, tuple(bytes.fromhex(pace.HELD.colour[1:]))
     with Image.open(tmp_path / "a.gif") as film:
         for frame in range(film.n_frames):
             film.seek(frame)
             spent += film.info["duration"]
+        drawn = np.array(film.convert("RGB")).reshape(-1, 3)
+    assert (drawn == held).all(axis=1).any() and (drawn == 255).all(axis=1).any()
     assert spent == pytest.approx(1000, abs=10)
 
 

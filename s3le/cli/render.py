@@ -192,4 +192,5 @@ def _film(loaded, out, fps, begin, end, angles, size) -> None:
                     progress(1)
                     yield picture
 
-            movie.write(out, pictures(), len(times), made.size, fps)
+            keep = (style.ALARM, *(kind.colour for kind in pace.KINDS))
+            movie.write(out, pictures(), len(times), made.size, fps, keep)

@@ -54,6 +54,12 @@ def kinds(shown: Shown, times: np.ndarray) -> np.ndarray:
     return np.where(still, KINDS.index(STILL), KINDS.index(PLAIN))
 
 
+def word(shown: Shown, kind: int) -> str:
+    """What is said of a kind; a file without modes does not say that the robot follows."""
+    unsaid = shown.trajectory.mode is None and KINDS[kind] is PLAIN
+    return "moves" if unsaid else KINDS[kind].label
+
+
 def spans(kind: np.ndarray) -> list[tuple[int, int, Kind]]:
     """Runs of moments of one kind but PLAIN: (first, one after the last, kind)."""
     edges = np.flatnonzero(np.diff(kind, prepend=-1, append=-1))

@@ -48,7 +48,7 @@ def robot(
     clearance = batch.clearances(chain, q, progress)
     kind = pace.kinds(shown, times)
     words = [
-        f"{pace.KINDS[k].label}, {c * 1e3:.1f} mm clear"
+        f"{pace.word(shown, k)}, {c * 1e3:.1f} mm clear"
         if c >= 0.0
         else f"collides by {-c * 1e3:.1f} mm"
         for k, c in zip(kind, clearance, strict=True)

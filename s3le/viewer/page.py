@@ -309,9 +309,9 @@ class Page:
         """The numbers of one moment."""
         lines = [f"<b>{moment:.3f} s</b>, {index + 1} of {len(self.player.times)}"]
         for i, shown in enumerate(self.motions):
-            kind = pace.KINDS[self._kind[i][index]]
+            kind = pace.word(shown, self._kind[i][index])
             mode = motion.modes(shown, self.player.times[index : index + 1])
-            word = f"{kind.label} ({escape(str(mode[0])[:40])})" if mode is not None else kind.label
+            word = f"{kind} ({escape(str(mode[0])[:40])})" if mode is not None else kind
             clear = self._clearance[i][index] * 1e3
             text = f"{clear:.1f} mm clear" if clear >= 0.0 else f"collides by {-clear:.1f} mm"
             lines.append(
