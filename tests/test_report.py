@@ -10,7 +10,7 @@ import pytest
 
 from s3le import files
 from s3le.errors import ParameterError
-from s3le.report import bars, cells, curves, growth, maps, page, solid, spaces, strip, style
+from s3le.report import bars, curves, figures, growth, maps, page, solid, spaces, strip, style
 from s3le.robot import model
 from s3le.robot.certificate import placements
 from s3le.scene import human
@@ -273,9 +273,9 @@ def test_a_collision_is_seen_in_the_picture(tmp_path, coman):
 def test_bodies_that_never_move_are_the_ones_that_stand_still(coman):
     _, ends, radius, still = coman
     row = strip.Row("robot", ends=ends, radius=radius)
-    np.testing.assert_array_equal(cells.still(row), still)
-    assert not cells.still(row._replace(ends=ends[:1])).any()  # one pose does not tell
-    np.testing.assert_array_equal(cells.still(row._replace(ends=ends[:1], still=still)), still)
+    np.testing.assert_array_equal(figures.still(row), still)
+    assert not figures.still(row._replace(ends=ends[:1])).any()  # one pose does not tell
+    np.testing.assert_array_equal(figures.still(row._replace(ends=ends[:1], still=still)), still)
 
 
 @pytest.mark.parametrize("spaces", [("s3le", "skeleton"), ("skeleton",), ()])

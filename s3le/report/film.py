@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 
 from s3le.errors import ParameterError
 from s3le.report import solid, style
-from s3le.report.cells import Cells, Row, check, window
+from s3le.report.figures import Cells, Row, check, window
 from s3le.scene.human import stand
 
 _PAD, _TITLE, _WORDS, _LINE, _FOOT = 10, 34, 24, 9, 30  # [pixels]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from s3le.report import solid, style
-from s3le.report.cells import Cells, Row, check, still, window
+from s3le.report.figures import Cells, Row, check, still, window
 from s3le.scene.human import FOREARM, SHOULDER, TRUNK, UPPER_ARM
 
 _LABEL, _PAD, _LINE = 196, 6, 18  # [pixels]

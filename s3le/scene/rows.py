@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.kernels import batch
-from s3le.report.cells import Row
+from s3le.report.figures import Row
 from s3le.report.style import SPARE, colour
 from s3le.scene import motion, pace
 from s3le.scene.motion import Human, Shown
