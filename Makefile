@@ -1,5 +1,6 @@
 # Two commands: `make repro` runs the whole pipeline, `make test` runs the tests.
-# `make study` repeats the trainings behind reports/study.
+# `make study` repeats the trainings behind reports/study, `make judge` the independent judgement
+# behind reports/judge.
 # All set up .venv by themselves; PIP_ARGS is passed to every pip call.
 PYTHON ?= python3
 PIP_ARGS ?=
@@ -7,19 +8,23 @@ VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro test study setup lint lock
+.PHONY: repro test study judge setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
 
 test: setup
 	@$(RUN) ruff check .
-	@$(RUN) OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile
+	@$(RUN) OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 # Resumable; without a GPU it takes hours and goes on in the background.
 # ARGS="--only cmu --set clips_mirror=/a/mirror/of/cmu"
 study: setup
 	@$(RUN) python benchmarks/study/run.py $(ARGS)
+
+# Resumable; a million steps take hours. ARGS="--help" says what can be chosen.
+judge: setup
+	@$(RUN) OMP_NUM_THREADS=1 python benchmarks/judge/run.py $(ARGS)
 
 setup: $(READY)
 

@@ -15,23 +15,26 @@ ROBOT = Path("data/robot")
 DATA = Path("data")
 SKELETON_ROWS = Path("data/skeletons.parquet")
 TRUTH = Path("data/ground_truth.parquet")
+RETARGETER = Path("data/retargeter")
 FIGURES = Path("data/counts")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Params:
-    """Nothing to choose: an index says itself how it is searched."""
+    """Nothing to choose: an index and a retargeter say themselves how they work."""
 
     section: ClassVar[str] = "evaluate"
 
 
 def main(name: str) -> None:
-    """Retarget every test frame with one entry; check and score every pose."""
+    """Retarget every test frame with one entry; check and score every pose and every path."""
     entry = methods.entry(name)
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
     frames = store.read(SKELETONS, SKELETON_ROWS)
     truth = store.read(ground_truth(n_dof, robot.margin), TRUTH, robot.tag)
+    rows = splits.test_rows(frames)
+    frames = {column: values[rows] for column, values in frames.items()}
     pool = metric = None
     if entry.pool:
         stored = DATA / f"index-{name}.parquet"
@@ -40,10 +43,13 @@ def main(name: str) -> None:
         latent = int(store.read_note(stored, "latent", stage))
         pool = store.read(index(n_dof, robot.margin, latent), stored, robot.tag)
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
-    with bar(2 * len(splits.test_rows(frames)), name) as progress:
-        columns, figures = comparison.answer(
-            robot, name, entry, frames, truth, pool, model, metric, progress
-        )
+    with bar(2 * len(rows), name) as progress:
+        if entry.online:
+            answered = comparison.followed(robot, name, RETARGETER, frames, progress)
+        else:
+            x = frames["x"]
+            answered = comparison.stored(robot, entry, x, pool, model, metric, progress)
+        columns, figures = comparison.judge(robot, name, entry, frames, truth, answered, progress)
     store.write(columns, retargeted(n_dof), DATA / f"retargeted-{name}.parquet", robot.tag)
     store.write_json(figures, FIGURES / f"evaluate-{name}.json")
 

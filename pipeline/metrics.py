@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
 from s3le import machine, metrics, store
-from s3le.methods import ENTRIES
+from s3le.methods import ENTRIES, label
 from s3le.tables.ground_truth import ground_truth
 
 ROBOT = Path("data/robot")
@@ -45,9 +45,9 @@ def main() -> None:
     store.write_csv(motions, MOTIONS)
     for split, part in tree["splits"].items():
         say(f"{split}: mean cosine distance to the ground truth, collisions")
-        for name, entry in ENTRIES.items():
-            found = part["methods"][name]
-            say(f"  {entry.label:42s} {found['to_truth']:.4f}  {found['collision_rate']:6.1%}")
+        for name, found in part["methods"].items():
+            words = label(name, found["proposed_by"])
+            say(f"  {words:42s} {found['to_truth']:.4f}  {found['collision_rate']:6.1%}")
 
 
 if __name__ == "__main__":

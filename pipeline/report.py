@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
-from s3le import latents, machine, snapshots, store
-from s3le.methods import ENTRIES
+from s3le import latents, machine, methods, snapshots, store
 from s3le.report import bars, curves, maps, page, spaces, strip
 from s3le.tables.ground_truth import ground_truth
 from s3le.tables.retargeted import retargeted
@@ -49,7 +48,7 @@ def main() -> None:
         name: store.read(retargeted(n_dof), DATA / f"retargeted-{name}.parquet", robot.tag)
         for name in SHOWN
     }
-    labels = [(name, entry.label) for name, entry in ENTRIES.items()]
+    labels = methods.labels(tree["splits"])
     bars.draw(FIGURES / "motions.png", motions, labels, "Distance to the ground truth per motion")
     curves.draw(FIGURES / "training.png", histories)
     clip, rows = snapshots.choose(frames, params.strip_clip, params.strip_frames)

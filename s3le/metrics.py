@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from s3le.machine import Machine
-from s3le.methods import ENTRIES
+from s3le.methods import ENTRIES, label
 
 
 def merge(
@@ -25,7 +25,7 @@ def merge(
         clips: value of the parameter.
         counts: by stage: skeletons, pair, sample, poses.
         truth: columns of table ground_truth.
-        figures: by entry, what comparison.answer found for each split.
+        figures: by entry, what comparison.judge found for each split.
         coverage: rows of coverage.table.
         synthetic: errors of the synthetic example.
 
@@ -72,7 +72,8 @@ def merge(
         "splits": splits,
     }
     table = [
-        {"split": split, "method": name, "bar": f"{split}: {ENTRIES[name].label}"} | found
+        {"split": split, "method": name, "bar": f"{split}: {label(name, found['proposed_by'])}"}
+        | found
         for split, part in splits.items()
         for name, found in part["methods"].items()
     ]

@@ -1,6 +1,11 @@
 """Options of the tests, and what many of them share."""
 
+import os
+import shutil
+
 import pytest
+
+from s3le.engine import lock
 
 
 def pytest_addoption(parser):
@@ -12,11 +17,37 @@ def pytest_addoption(parser):
     )
 
 
+# Long files begin before short ones, so that no worker is left with one at the end; while the
+# first of these makes the tiny run and compiles for it, the next ones need neither.
+BEGIN_WITH = ("test_disasters", "test_report", "test_training", "test_engine", "test_pipeline")
+
+
+def pytest_collection_modifyitems(items):
+    """The order of files for several workers (with xdist's own order switched off)."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    order = {name: place for place, name in enumerate(BEGIN_WITH)}
+    items.sort(key=lambda item: order.get(item.path.stem, len(order)))
+
+
 @pytest.fixture(scope="session")
 def project(tmp_path_factory):
-    """A copy of the project after one whole tiny run, committed; leave it as it is."""
+    """A copy of the project after one whole tiny run, committed; leave it as it is.
+
+    The run is made once, whatever the number of pytest's workers; each has a copy of its own.
+    """
     import tiny  # of the slow tests alone
 
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent  # each worker's own folder lies in it
+    first, whole = shared / "first-run", shared / "first-run-is-whole"
+    with lock.held(shared / "first-run.lock", "the tiny project", patience=900.0):
+        if not first.exists():
+            first.mkdir()
+            tiny.make(first)
+            whole.touch()
+    assert whole.exists(), "the tiny run failed in another worker, which says why"
     folder = tmp_path_factory.mktemp("project")
-    tiny.make(folder)
+    shutil.copytree(first, folder, symlinks=True, dirs_exist_ok=True)
     return folder

@@ -59,9 +59,17 @@ def test_alpha_and_tau_rerun_what_the_paper_says_depends_on_them(promised):
     assert promised["alpha"][1] == {
         "sample", "coverage", "train@s3le", "index@s3le", "index@skeleton_all",
         "evaluate@s3le", "evaluate@skeleton_all", "metrics", "report", "export",
+        "evaluate@certified_lookup", "evaluate@certified_refined",
     }  # fmt: skip
     assert promised["tau"][1] == {
         "train@s3le", "index@s3le", "evaluate@s3le", "metrics", "report", "export",
+        "evaluate@certified_lookup", "evaluate@certified_refined",
+    }  # fmt: skip
+
+
+def test_how_it_is_exported_touches_the_certified_rows_alone(promised):
+    assert promised["export"][1] == {
+        "export", "evaluate@certified_lookup", "evaluate@certified_refined", "metrics", "report",
     }  # fmt: skip
 
 

@@ -72,7 +72,7 @@ def kept(project, tmp_path_factory):
 
 @pytest.fixture
 def here(project, kept):
-    """The project, which is as it was when the test is over; in its place, kernels are compiled."""
+    """The project, which is as it was when the test is over."""
     yield project
     put(kept, project)
 
@@ -284,7 +284,7 @@ def test_of_two_runs_at_once_one_completes_and_the_other_says_who_is_in_its_way(
 def test_the_same_stage_twice_at_once_writes_the_same_bytes(here, stage):
     calm = files(here, [stage])
     forget(here, [stage])
-    before = set(psutil.Process().children(recursive=True))  # of tests that ran here before
+    before = set(psutil.Process().children(recursive=True))  # multiprocessing's tracker
     for status, said in both(here, *command(stage)):
         assert status == 0, said
     assert files(here, [stage]) == calm

@@ -9,13 +9,14 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
 import pytest
 from toys import Toy
 
-from s3le.engine import key, lock, run
+from s3le.engine import key, local, lock, run
 from s3le.engine.task import Job, jobs, total
 from s3le.engine.vault import COMPLETE, Vault, home
 from s3le.errors import EngineError, RobotError
@@ -305,6 +306,30 @@ def test_workers_end_with_the_process_that_called_them(tmp_path):
     process.wait()
     _, alive = psutil.wait_procs(children, timeout=10)
     assert not alive
+
+
+def spawned():
+    """Workers of this process: multiprocessing's own tracker stays as long as we do."""
+    below = psutil.Process().children(recursive=True)
+    return [child for child in below if "spawn_main" in " ".join(child.cmdline())]
+
+
+@pytest.mark.parametrize("refuses", [-1, 0], ids=["done", "refused"])
+def test_no_worker_is_left_when_a_table_is_done_or_refused(tmp_path, refuses):
+    with suppress(RobotError):
+        make(tmp_path, toy=Toy(refuses=refuses), workers=2)
+    assert not spawned()
+
+
+def test_a_caller_who_turns_away_does_not_wait_for_shards_at_work(tmp_path):
+    """A quick shard arrives; the other worker would be at work on its own for a minute."""
+    quick = Toy(seconds=60.0, quick=0)
+    made = local.make(quick, jobs(20, 10), 2, key.fingerprint(quick))
+    assert next(made).job.number == 0 and spawned()
+    began = time.monotonic()
+    made.close()
+    assert not spawned()
+    assert time.monotonic() - began < 30.0
 
 
 def test_killed_at_random_moments_it_ends_with_the_bytes_of_an_undisturbed_run(tmp_path):

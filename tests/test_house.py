@@ -192,6 +192,8 @@ def test_the_entries_in_dvc_yaml_store_and_load_what_the_code_does():
             needed = {f"data/{PLACE[table]}" for table in entry.pool}
             assert given == needed | ({model} if entry.model else set())
         needed = {f"data/index-{name}.parquet"} if entry.pool else set()
+        if entry.online:
+            needed = {"data/retargeter"}
         assert set(evaluate[name].values()) == needed | ({model} if entry.model else set())
 
 

@@ -220,7 +220,7 @@ def test_no_poses_are_no_skeletons():
 
 def test_stored_machine_code_is_keyed_by_the_text_of_every_kernel(tmp_path, monkeypatch):
     where = batch._project.stats.cache_path
-    assert f"kernels-{compiled.key()}" in where
+    assert Path(where).name == f"kernels-{compiled.key()}"  # wherever the project lies
     for file in compiled._HERE.glob("*.py"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     monkeypatch.setattr(compiled, "_HERE", tmp_path)

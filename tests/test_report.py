@@ -10,7 +10,19 @@ import pytest
 
 from s3le import files
 from s3le.errors import ParameterError
-from s3le.report import bars, curves, figures, growth, maps, page, solid, spaces, strip, style
+from s3le.report import (
+    bars,
+    cells,
+    curves,
+    figures,
+    growth,
+    maps,
+    page,
+    solid,
+    spaces,
+    strip,
+    style,
+)
 from s3le.robot import model
 from s3le.robot.certificate import placements
 from s3le.scene import human
@@ -484,7 +496,7 @@ def test_page_holds_the_numbers_it_was_given():
 def test_page_compares_the_samplers():
     text = page.markdown(metrics(), {}, {})
     assert line_of(text, "uniform") == "| uniform | 0.063 | 0.060 |"
-    assert line_of(text, "pairs alone") == f"| pairs alone | 0.127 | {page.NONE} |"
+    assert line_of(text, "pairs alone") == f"| pairs alone | 0.127 | {cells.NONE} |"
 
 
 def test_page_shows_the_synthetic_example():
@@ -499,6 +511,67 @@ def test_page_says_what_was_not_measured():
     assert line_of(text, LABEL["lwl2"]).endswith("| not measured |")
     assert "Training: not measured." in text
     assert text.count("Figure: not drawn.") == 5
+
+
+def segments(collide=12, feasible=235, fast=118, **more):
+    """Figures of what lies between frames, as evaluation.summary gives them."""
+    total = 235
+    return {
+        "segments": total, "segments_feasible": feasible, "segments_colliding": collide,
+        "segments_undecided": 0, "segments_too_fast": fast, "segment_margin_mm": 0.5,
+        "segment_collision_rate": collide / feasible if feasible else None,
+        "segment_undecided_rate": 0.0 if feasible else None,
+        "segment_uncertified_rate": 0.0625, "segment_too_fast_rate": fast / total,
+        "largest_jump_rad": 3.5141, "limited_rate": 0.2, "eased_rate": 0.03,
+        "avoiding_rate": 0.01, "held_rate": 0.0, "proposed_by": "s3le",
+    } | more  # fmt: skip
+
+
+def certified(proposed_by="s3le", **more):
+    tree = metrics()
+    own = tree["splits"]["test"]["methods"]
+    own["s3le"] |= segments()
+    own["ale"] |= segments(feasible=0, collide=0, proposed_by="ale")
+    for key in ("certified_lookup", "certified_refined"):
+        own[key] = method(0.02, 131008) | segments(0, fast=0, proposed_by=proposed_by) | more
+    return tree
+
+
+def test_page_says_what_lies_between_the_frames():
+    text = page.markdown(certified(), {}, {}).split("### Between the frames")[1]
+    assert "not certified at 0.5 mm" in text
+    assert line_of(text, "S3LE") == (
+        "| S3LE | 235 | 235 (100 %) | 5.1 % | 0 % | 6.2 % | 50.2 % | 3.51 |"
+    )
+    assert line_of(text, "S3LE + refine + certify").startswith(
+        "| S3LE + refine + certify | 235 | 235 (100 %) | 0 % | 0 % |"
+    )
+    assert line_of(text, LABEL["ale"]).startswith(
+        f"| {LABEL['ale']} | 235 | 0 (0 %) | - | - |"  # no two safe poses: no share of them
+    )
+    assert "the straight path collides in 5.1 % of the segments" in text
+    cost = text.split("### What certifying cost")[1]
+    assert line_of(cost, "S3LE + certify") == (
+        "| S3LE + certify | 20.0 % | 3.0 % | 1.0 % | 0 % | 0.020 | 0.031 |"
+    )
+    assert "must not happen" not in text
+
+
+def test_page_names_the_certified_rows_by_what_proposes_their_poses():
+    text = page.markdown(certified("skeleton"), {}, {})
+    assert line_of(text, "nearest skeleton + refine + certify").count("131,008") == 1
+    assert "S3LE + refine" not in text
+
+
+@pytest.mark.parametrize("what", ["segments_colliding", "segments_undecided", "segments_too_fast"])
+def test_page_raises_the_alarm_when_a_certified_motion_does_not_hold(what):
+    text = page.markdown(certified(**{what: 1}), {}, {})
+    assert "This must not happen: a certified motion" in text
+
+
+def test_page_raises_the_alarm_when_a_certified_pose_is_unsafe():
+    text = page.markdown(certified(limit_rate=0.5), {}, {})
+    assert "S3LE + certify (broken limits in 50.0 % of the frames)" in text
 
 
 def test_page_lists_the_pairs_that_are_not_watched():
@@ -540,7 +613,7 @@ def test_page_raises_the_alarm_when_a_checked_pose_is_unsafe(rate, what):
      (None, "not measured"), (math.nan, "not measured")],
 )  # fmt: skip
 def test_only_an_exact_zero_reads_as_zero(share, words):
-    assert page._rate(share) == words
+    assert cells.rate(share) == words
 
 
 def test_a_name_cannot_break_a_table():

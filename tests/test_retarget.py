@@ -198,10 +198,11 @@ def test_a_still_human_is_reached_and_then_nothing_moves():
 def test_the_brake_bounds_the_change_of_speed_where_nothing_is_in_the_way():
     stream = retargeter(brake=20.0).start()
     x = motion()
-    q = np.array([stream.step(x[i // 10 * 10], DT).q for i in range(60)])
-    v = np.diff(q, axis=0) / DT
-    change = np.abs(np.diff(v, axis=0)) / DT
-    assert np.quantile(change, 0.99) <= 20.0 * 1.001  # [rad/s^2]
+    rows = [stream.step(x[i // 10 * 10], DT) for i in range(60)]
+    change = np.abs(np.diff([row.q for row in rows], n=2, axis=0)) / DT**2
+    free = [row.mode in (Mode.REFINED, Mode.EASED, Mode.LIMITED) for row in rows[2:]]
+    assert sum(free) > 50
+    assert (change[free] <= 20.0 * 1.001).all()  # [rad/s^2]
 
 
 def test_one_odd_frame_goes_unseen_with_a_frame_of_delay():

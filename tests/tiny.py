@@ -28,7 +28,8 @@ TINY = {
     "synthetic": {"seeds": 2, "points": 60, "steps": 3, "batch": 8, "hidden": 8, "grid": 5},
     "report": {"strip_frames": 2},
 }
-STAGES = 28
+STAGES = 30
+KERNELS = ROOT / "s3le" / "kernels"
 
 
 def swing(path: Path, phase: float, frames: int) -> None:
@@ -48,6 +49,8 @@ def environment(folder: Path) -> dict[str, str]:
     return os.environ | {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "PYTHONPATH": str(folder),  # this folder's code, whatever is installed
+        # Copies of this project have its kernels: what one of them compiles serves all.
+        "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR") or str(KERNELS / "__pycache__"),
         "DVC_NO_ANALYTICS": "1",
         "GIT_AUTHOR_NAME": "t", "GIT_AUTHOR_EMAIL": "t@t",
         "GIT_COMMITTER_NAME": "t", "GIT_COMMITTER_EMAIL": "t@t",

@@ -72,11 +72,9 @@ def retarget(
 
     Exit status: 0 if every clip was written, 1 if one failed, 2 if nothing could begin.
     """  # noqa: D301
-    from s3le import following
-
     with shell.guarded():
         paths = _clips(clips)
-        follower = following.load(model, method)
+        follower = shell.follower(model, method)
         own = follower.machine.robot.name
         if robot is not None and robot != own:
             raise ModelError(f"{model} is for robot '{own}', not '{robot}'")

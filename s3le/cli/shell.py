@@ -11,6 +11,7 @@ import typer
 from s3le.errors import ParameterError, RobotError, S3leError
 
 if TYPE_CHECKING:  # for the reader; importing it takes a second
+    from s3le.following import Follower
     from s3le.machine import Machine
 
 OK, BROKEN, UNREADABLE = 0, 1, 2  # exit status
@@ -114,6 +115,20 @@ def velocities(given: list[str] | None) -> dict[str, float] | float | None:
             return value
         named[joint] = value
     return named or None
+
+
+def follower(model: Path, method: str | None) -> "Follower":
+    """The retargeter of a folder; says what a user waits for after a fresh installation.
+
+    Raises:
+        S3leError: see following.load.
+    """
+    from s3le import following
+    from s3le.kernels import compiled
+
+    if Path(model).is_dir() and not compiled.stored("guard.frame"):
+        typer.echo("compiling kernels, once for this installation: about a minute", err=True)
+    return following.load(model, method)
 
 
 def names(given: str | None) -> list[str] | None:

@@ -45,10 +45,10 @@ def stream(
     Exit status: 0 at the end of input, 2 if nothing could begin or the independent check refused
     a pose.
     """  # noqa: D301
-    from s3le import following, live
+    from s3le import live
 
     with shell.guarded():
-        follower = following.load(model, method)
+        follower = shell.follower(model, method)
         if listen is not None:
             _listen(listen, lambda: live.Live(follower, rate, radians(tilt_max)))
             return

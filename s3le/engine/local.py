@@ -78,6 +78,7 @@ def _in_pools(
                     del flying[future]
                     deaths = 0
                     yield made
+            pool.shutdown()  # idle workers leave, and are waited for
         except BrokenProcessPool:
             deaths += 1
             if deaths == DEATHS:
@@ -88,9 +89,12 @@ def _in_pools(
                 ) from None
             todo += sorted(flying.values(), reverse=True)
         finally:
+            left = list((pool._processes or {}).values())  # which shutdown forgets
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in list((pool._processes or {}).values()):
+            for process in left:
                 process.kill()  # at work on a shard that nobody waits for any more
+            for process in left:
+                process.join()
 
 
 _task: Task

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from s3le.kernels.around import TRIES, seek
 from s3le.kernels.compiled import compiled
 from s3le.kernels.refine import (
     AGREEMENT,
@@ -32,9 +33,7 @@ WANTED, EASED, LIMITED, DETOUR, SHORTENED, HELD = range(6)  # how a step came ab
 
 _ROOM = 1e-9  # share of a speed that is not used, so that no rounding exceeds it
 _PARTS = 6  # times that a refused step is made shorter
-_STUCK = 0.2  # sum of cosine distances lost to an obstacle from which a way around is looked for
-_FARTHER = 2.5  # times as far as straight on that a way around may be
-_TRIES = 4  # poses to go around by that are tried in a frame
+_STUCK = 0.1  # sum of cosine distances lost to an obstacle from which a way around is looked for
 _THERE = 0.02  # [rad], a pose to go around by counts as reached
 
 WARM, AROUND, TURN = 0, 1, 2  # entries of Memory.flag
@@ -46,8 +45,8 @@ class Memory(NamedTuple):
     q: np.ndarray  # [rad], (n,), where it is, certified
     v: np.ndarray  # [rad/s], (n,), how it got there
     last: np.ndarray  # [rad], (n,), the pose last wanted
-    way: np.ndarray  # [rad], (n,), the pose it goes around by
-    flag: np.ndarray  # int64 (3,): is there a last, does it go around, which pose to try next
+    way: np.ndarray  # [rad], (2, n), poses it goes around by, the next one last
+    flag: np.ndarray  # int64 (3,): is there a last, poses to go around by, which way to try next
     want: np.ndarray  # [rad], (n,), the pose wanted now
     next: np.ndarray  # [rad], (n,), the pose to go to
     out: np.ndarray  # (8,), see frame
@@ -55,8 +54,17 @@ class Memory(NamedTuple):
 
 def memory(n_dof: int) -> Memory:
     """An empty memory for a robot of n_dof joints."""
-    rows = [np.zeros(n_dof) for _ in range(6)]
-    return Memory(*rows[:4], np.zeros(3, np.int64), *rows[4:], np.zeros(8))
+    rows = [np.zeros(n_dof) for _ in range(5)]
+    return Memory(
+        *rows[:3], np.zeros((2, n_dof)), np.zeros(3, np.int64), *rows[3:], np.zeros(8)
+    )  # fmt: skip
+
+
+@compiled
+def slowly(far, dt, brake):
+    """Fastest that a joint may go and still stop where it is far [rad] to go: [rad/s]."""
+    # v dt + v^2 / (2 brake) = far: from then on it slows down, and ends there.
+    return brake * (np.sqrt(dt * dt + 2.0 * max(far, 0.0) / brake) - dt)
 
 
 @compiled
@@ -69,22 +77,24 @@ def reachable(chain, q0, v0, want, dt, speed, brake, lowest, highest):
         want: where it is wanted [rad], (n,).
         dt: time that the step takes [s], above 0.
         speed: most that each joint may do [rad/s], (n,); never exceeded.
-        brake: most change of speed [rad/s^2], inf: any. A joint keeps slow enough to stop at
-            want, and turns no slower or faster than this allows, where limits and speed leave
-            the choice.
+        brake: most change of speed [rad/s^2], inf: any. A joint that nears want, or a limit, keeps
+            slow enough to stop there, and every joint's speed changes no faster, where limits
+            and speed leave the choice.
         lowest, highest: receive the box; q0 is not in it if the joint is not to stop at once.
     """
     for i in range(len(q0)):
         most = speed[i] * (1.0 - _ROOM)
         low, high = -most, most
         if brake < np.inf:
+            low = max(low, -slowly(q0[i] - chain.lower[i], dt, brake))
+            high = min(high, slowly(chain.upper[i] - q0[i], dt, brake))
             far = want[i] - q0[i]
-            # v dt + v^2 / (2 brake) = |far|: from then on the joint slows down and ends at want;
-            # from brake dt^2 away it can be there at once, and stop with the step after.
-            slow = brake * (np.sqrt(dt * dt + 2.0 * abs(far) / brake) - dt)
-            slow = max(slow, min(abs(far) / dt, brake * dt))
-            low = max(low, min(0.0, -slow if far < 0.0 else 0.0))
-            high = min(high, max(0.0, slow if far > 0.0 else 0.0))
+            # From brake dt^2 away it can be there at once, and stop with the step after.
+            slow = max(slowly(abs(far), dt, brake), min(abs(far) / dt, brake * dt))
+            if far < 0.0:
+                low = max(low, -slow)
+            else:
+                high = min(high, slow)
             low = min(max(low, v0[i] - brake * dt), most)
             high = max(min(high, v0[i] + brake * dt), -most)
             if low > high:  # it cannot stop in time: it slows down as much as it may
@@ -229,63 +239,44 @@ def pursue(chain, swept, s, m, x, starts, anchor, dt, speed, brake, rule, out):
 
     Arguments and results are those of frame, the last as of advance.
     """
-    n = len(m.q)
     if m.flag[AROUND]:
-        free = prove(chain, swept, s, m.q, m.want, rule.between, rule.budget)
-        if free[0] == CERTIFIED or apart(m.q, m.way) < _THERE:
+        if prove(chain, swept, s, m.q, m.want, rule.between, rule.budget)[0] == CERTIFIED:
             m.flag[AROUND] = 0
-        elif straight(chain, swept, s, m.q, m.v, m.way, dt, speed, brake, rule, m.next, out):
-            return DETOUR
-        else:
+        while m.flag[AROUND]:
+            left = m.flag[AROUND]
+            if apart(m.q, m.way[left - 1]) < _THERE or (
+                left == 2
+                and prove(chain, swept, s, m.q, m.way[0], rule.between, rule.budget)[0] == CERTIFIED
+            ):
+                m.flag[AROUND] -= 1
+                continue
+            if straight(
+                chain, swept, s, m.q, m.v, m.way[left - 1], dt, speed, brake, rule, m.next, out
+            ):  # fmt: skip
+                return DETOUR
             m.flag[AROUND] = 0
     how = advance(chain, swept, s, x, m.want, m.q, m.v, dt, speed, brake, rule, m.next, out)
     if how < DETOUR or cost_of(chain, m.next, x) - cost_of(chain, m.want, x) < _STUCK:
         return how
     # An obstacle stands between. If all of the straight path is free, only the way there was bad.
-    farthest = _FARTHER * apart(m.q, m.want)
-    least = farthest
-    trial = np.empty(n)
-    kinds = len(starts) + 3
     if prove(chain, swept, s, m.q, m.want, rule.between, rule.budget)[0] == CERTIFIED:
-        m.way[:] = m.want
-        least = 0.0
-    for _ in range(_TRIES):
-        if least == 0.0:
-            break
-        kind = m.flag[TURN] % kinds
-        m.flag[TURN] += 1
-        for i in range(n):
-            if kind == 0:
-                trial[i] = 0.5 * (m.q[i] + anchor[i])
-            elif kind == 1:
-                trial[i] = 0.5 * (m.want[i] + anchor[i])
-            elif kind == 2:
-                trial[i] = anchor[i]
-            else:
-                trial[i] = starts[kind - 3, i]
-        if not np.isfinite(trial).all():
-            continue
-        for i in range(n):
-            trial[i] = min(max(trial[i], chain.lower[i]), chain.upper[i])
-        far = apart(m.q, trial) + apart(trial, m.want)
-        if far >= least or not settle(
-            chain, swept.balls, chain.lower, chain.upper, rule.margin, trial
-        ):
-            continue
-        if (
-            prove(chain, swept, s, m.q, trial, rule.between, rule.budget)[0] == CERTIFIED
-            and prove(chain, swept, s, trial, m.want, rule.between, rule.budget)[0] == CERTIFIED
-        ):
-            least = far
-            m.way[:] = trial
-    if least < farthest:
-        for i in range(n):
-            trial[i] = m.next[i]
-        if straight(chain, swept, s, m.q, m.v, m.way, dt, speed, brake, rule, m.next, out):
-            m.flag[AROUND] = 1
-            return DETOUR
-        m.next[:] = trial
-        out[0] = prove(chain, swept, s, m.q, m.next, rule.between, rule.budget)[1]
+        m.way[0] = m.want
+        left = 1
+    else:
+        left = seek(
+            chain, swept, s, m.q, m.want, starts, anchor, rule, m.flag[TURN], m.way
+        )  # fmt: skip
+        m.flag[TURN] += TRIES
+    if left == 0:
+        return how
+    kept = m.next.copy()
+    if straight(
+        chain, swept, s, m.q, m.v, m.way[left - 1], dt, speed, brake, rule, m.next, out
+    ):  # fmt: skip
+        m.flag[AROUND] = left
+        return DETOUR
+    m.next[:] = kept
+    out[0] = prove(chain, swept, s, m.q, m.next, rule.between, rule.budget)[1]
     return how
 
 

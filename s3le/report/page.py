@@ -10,11 +10,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from s3le.methods import ENTRIES
-from s3le.report import style
+from s3le.methods import label as label_of
+from s3le.report import between, cells, style
 from s3le.report.curves import TERMS
-
-MISSING = "not measured"
-NONE = "-"  # where a cell has no meaning
 
 _CAUSES = (
     ("dropped_tilt", "torso tilted too far"),
@@ -22,7 +20,8 @@ _CAUSES = (
     ("dropped_bone", "bone without length"),
     ("dropped_not_finite", "not a finite number"),
 )
-_LOOKUPS = tuple(key for key, entry in ENTRIES.items() if entry.pool)  # answer with stored poses
+# All of whose poses were checked: stored ones, and those of certified motions.
+_CHECKED = tuple(key for key, entry in ENTRIES.items() if entry.pool or entry.online)
 _ALARMS = (
     ("collision_rate", "collisions"),
     ("below_margin_rate", "too little clearance"),
@@ -90,12 +89,12 @@ def markdown(
     parts = [
         *_head(metrics),
         *_measure(),
-        *_splits(_at(metrics, "splits")),
+        *_splits(cells.at(metrics, "splits")),
         *_pictures(figures),
         *_guarantees(metrics),
         *_unwatched(unwatched),
         *_data(metrics),
-        *_coverage(_at(metrics, "coverage")),
+        *_coverage(cells.at(metrics, "coverage")),
         *_training(training),
         "Wall times are no part of a result; those of the last run stand in `timing.json`.",
     ]
@@ -103,28 +102,29 @@ def markdown(
 
 
 def _head(metrics: Mapping[str, Any]) -> list[str]:
-    run = _at(metrics, "run")
-    splits = _at(metrics, "splits")
+    run = cells.at(metrics, "run")
+    splits = cells.at(metrics, "splits")
     shown = [
-        f"*{_text(name)}*: {_count(split.get('frames'))} frames of "
-        f"{_count(split.get('clips'))} motions"
+        f"*{cells.text(name)}*: {cells.count(split.get('frames'))} frames of "
+        f"{cells.count(split.get('clips'))} motions"
         for name, split in splits.items()
     ]
     facts = [
-        ("robot", f"{_text(run.get('robot'))}, {_count(run.get('n_dof'))} moving joints"),
-        ("clips", _text(run.get("clips"))),
-        ("measured on", "; ".join(shown) or MISSING),
-        ("pairs of bodies watched for collision", _count(run.get("pairs_watched"))),
-        ("clearance wanted", f"{_plain(run.get('margin_mm'))} mm"),
+        ("robot", f"{cells.text(run.get('robot'))}, {cells.count(run.get('n_dof'))} moving joints"),
+        ("clips", cells.text(run.get("clips"))),
+        ("measured on", "; ".join(shown) or cells.MISSING),
+        ("pairs of bodies watched for collision", cells.count(run.get("pairs_watched"))),
+        ("clearance wanted", f"{cells.plain(run.get('margin_mm'))} mm"),
     ]
     return [
         "# What this run found",
         "Human skeletons go in, poses of the robot come out. S3LE and LWL2 look up the nearest "
         "pose in a store of poses that were all checked; ALE computes a pose and checks nothing. "
         "Each is compared with the best pose that a slow optimisation finds under the robot's "
-        "limits and without collisions, the *ground truth*. The motions measured here were not "
-        "trained on, unless a split is called *train*.",
-        _table(["this run", ""], [[name, value] for name, value in facts]),
+        "limits and without collisions, the *ground truth*. The rows *+ certify* follow each "
+        "motion frame by frame from its own first pose, as the exported retargeter does. The "
+        "motions measured here were not trained on, unless a split is called *train*.",
+        cells.table(["this run", ""], [[name, value] for name, value in facts]),
     ]
 
 
@@ -134,30 +134,33 @@ def _measure() -> list[str]:
         "A pose is seen as seven directions: trunk, shoulders, upper arms, forearms. *Cosine "
         "distance* is the mean over the seven of 1 - cos(angle between the two directions): 0 is "
         "the same pose, and d is what one gets when every direction is off by acos(1 - d). "
-        + "; ".join(f"{d:g} is {_degrees(d)}" for d in (0.01, 0.05, 0.1, 0.2))
+        + "; ".join(f"{d:g} is {cells.degrees(d)}" for d in (0.01, 0.05, 0.1, 0.2))
         + ".",
     ]
 
 
 def _splits(splits: Mapping[str, Any]) -> list[str]:
     if not splits:
-        return ["## Results", f"Results: {MISSING}."]
+        return ["## Results", f"Results: {cells.MISSING}."]
     parts = []
     for name, split in splits.items():
-        methods = _at(split, "methods")
+        methods = cells.at(split, "methods")
         known = [key for key, _ in style.METHODS]
         labels = dict(style.METHODS) | {key: key for key in methods if key not in known}
+        for key in methods:
+            if key in known and "proposed_by" in cells.at(methods, key):
+                labels[key] = label_of(key, methods[key]["proposed_by"])
         rows = [_method_row(key, label, methods) for key, label in labels.items()]
-        truth = _at(split, "truth")
+        truth = cells.at(split, "truth")
         rows.append(
             [
                 "ground truth",
-                NONE,
-                _distance(truth.get("to_human")),
-                _rate(truth.get("collision_rate")),
-                _rate(truth.get("limit_rate")),
-                NONE,
-                NONE,
+                cells.NONE,
+                cells.distance(truth.get("to_human")),
+                cells.rate(truth.get("collision_rate")),
+                cells.rate(truth.get("limit_rate")),
+                cells.NONE,
+                cells.NONE,
             ]
         )
         titles = [
@@ -165,9 +168,9 @@ def _splits(splits: Mapping[str, Any]) -> list[str]:
             "stored poses", "brute force on the same poses",
         ]  # fmt: skip
         parts += [
-            f"## Results on *{_text(name)}* ({_count(split.get('clips'))} motions, "
-            f"{_count(split.get('frames'))} frames)",
-            _table(titles, rows),
+            f"## Results on *{cells.text(name)}* ({cells.count(split.get('clips'))} motions, "
+            f"{cells.count(split.get('frames'))} frames)",
+            cells.table(titles, rows),
             "How to read it: the first two columns are cosine distances, mean over all frames, "
             "lower is better, and the ground truth's own distance to the human is what the "
             "robot's body leaves no way around; collisions and beyond limits are shares of "
@@ -175,25 +178,26 @@ def _splits(splits: Mapping[str, Any]) -> list[str]:
             "the nearest skeleton among the same stored poses, reaches against the ground truth "
             "(the rows *nearest skeleton* say more about it).",
             *_findings(methods, truth),
+            *between.section(methods, labels),
         ]
     return parts
 
 
 def _method_row(key: str, label: str, methods: Mapping[str, Any]) -> list[str]:
     if key not in methods:
-        return [label, *[MISSING] * 6]
-    got = _at(methods, key)
-    pool = NONE if "pool" in got and not got["pool"] else _count(got.get("pool"))
+        return [label, *[cells.MISSING] * 6]
+    got = cells.at(methods, key)
+    pool = cells.NONE if "pool" in got and not got["pool"] else cells.count(got.get("pool"))
     if key in style.BRUTE_FORCE:
-        same = _distance(_at(methods, style.BRUTE_FORCE[key]).get("to_truth"))
+        same = cells.distance(cells.at(methods, style.BRUTE_FORCE[key]).get("to_truth"))
     else:
-        same = NONE
+        same = cells.NONE
     return [
-        _text(label),
-        _distance(got.get("to_truth")),
-        _distance(got.get("to_human")),
-        _rate(got.get("collision_rate")),
-        _rate(got.get("limit_rate")),
+        cells.text(label),
+        cells.distance(got.get("to_truth")),
+        cells.distance(got.get("to_human")),
+        cells.rate(got.get("collision_rate")),
+        cells.rate(got.get("limit_rate")),
         pool,
         same,
     ]
@@ -201,13 +205,13 @@ def _method_row(key: str, label: str, methods: Mapping[str, Any]) -> list[str]:
 
 def _findings(methods: Mapping[str, Any], truth: Mapping[str, Any]) -> list[str]:
     """What the table says, in sentences; nothing about what was not measured."""
-    to_truth = {key: _at(methods, key).get("to_truth") for key in methods}
+    to_truth = {key: cells.at(methods, key).get("to_truth") for key in methods}
     own = to_truth.get("s3le")
     found = []
-    if _is_number(own):
+    if cells.is_number(own):
         found.append(
-            f"S3LE stays {_distance(own)} from the ground truth, as if every direction were "
-            f"{_degrees(own)} off."
+            f"S3LE stays {cells.distance(own)} from the ground truth, as if every direction were "
+            f"{cells.degrees(own)} off."
         )
         ratios = [
             f"{own / to_truth[key]:.2f} times {words}"
@@ -217,26 +221,26 @@ def _findings(methods: Mapping[str, Any], truth: Mapping[str, Any]) -> list[str]
                 ("ale", "ALE's"),
                 ("skeleton_all", "that of brute force over the same poses"),
             )
-            if _is_number(to_truth.get(key)) and to_truth[key] > 0.0
+            if cells.is_number(to_truth.get(key)) and to_truth[key] > 0.0
         ]
         if ratios:
-            found.append(f"Its distance is {_listed(ratios)}.")
+            found.append(f"Its distance is {cells.listed(ratios)}.")
     broken = [
-        f"{label} ({what} in {_rate(_at(methods, key).get(rate))} of the frames)"
+        f"{label} ({what} in {cells.rate(cells.at(methods, key).get(rate))} of the frames)"
         for key, label in style.METHODS
-        if key in _LOOKUPS
+        if key in _CHECKED
         for rate, what in _ALARMS
-        if _is_number(_at(methods, key).get(rate)) and _at(methods, key)[rate] > 0.0
+        if cells.is_number(cells.at(methods, key).get(rate)) and cells.at(methods, key)[rate] > 0.0
     ]
     if broken:
         found.append(
-            "**This must not happen: stored poses that were checked turned out unsafe.** "
+            "**This must not happen: poses that were checked turned out unsafe.** "
             + "; ".join(broken)
             + "."
         )
-    if _is_number(truth.get("collision_rate")) and truth["collision_rate"] > 0.0:
+    if cells.is_number(truth.get("collision_rate")) and truth["collision_rate"] > 0.0:
         found.append(
-            f"**The ground truth itself collides in {_rate(truth['collision_rate'])} of the "
+            f"**The ground truth itself collides in {cells.rate(truth['collision_rate'])} of the "
             "frames, so it is not a reference to trust.**"
         )
     return [" ".join(found)] if found else []
@@ -252,23 +256,26 @@ def _pictures(figures: Mapping[str, str]) -> list[str]:
             parts.append("Figure: not drawn.")
     for name in figures:
         if name not in _FIGURES:
-            title = _text(name.replace("_", " "))
+            title = cells.text(name.replace("_", " "))
             parts += [f"## {title[:1].upper()}{title[1:]}", f"![{title}]({figures[name]})"]
     return parts
 
 
 def _guarantees(metrics: Mapping[str, Any]) -> list[str]:
-    run = _at(metrics, "run")
+    run = cells.at(metrics, "run")
     margin = run.get("margin_mm")
-    kept = f"at least {_plain(margin)} mm" if _is_number(margin) else "a margin (not stated)"
+    known = cells.is_number(margin)
+    kept = f"at least {cells.plain(margin)} mm" if known else "a margin (not stated)"
     return [
         "## What is guaranteed, and what is not",
         "- Guaranteed: every single pose that S3LE, LWL2 or brute force returns is a stored pose, "
-        "and each stored pose was checked one by one: all joints within their limits, and "
-        f"{kept} of clearance over all {_count(run.get('pairs_watched'))} watched pairs of "
-        "the robot's collision bodies.\n"
-        "- Not yet guaranteed: the way from one pose to the next. Between two safe poses the robot "
-        "may pass through one that collides, and nothing here bounds its speed.\n"
+        "and each stored pose, as each pose of the rows *+ certify*, was checked one by one: all "
+        f"joints within their limits, and {kept} of clearance over all "
+        f"{cells.count(run.get('pairs_watched'))} watched pairs of the robot's collision bodies.\n"
+        "- Guaranteed in the rows *+ certify* alone: the way from one pose to the next, a straight "
+        "joint path that is proven to keep its own, smaller clearance, within the joints' speeds. "
+        "Between two safe poses of the other rows the robot may pass through one that collides "
+        "(*Between the frames* says how often).\n"
         "- Not guaranteed: ALE's poses; pairs of bodies that are not watched; balance; the real "
         "robot where it differs from its collision bodies; and that a pose resembles the human.",
     ]
@@ -277,10 +284,10 @@ def _guarantees(metrics: Mapping[str, Any]) -> list[str]:
 def _unwatched(pairs: Sequence[tuple[str, str, str, str]]) -> list[str]:
     if not pairs:
         return []
-    rows = [[_text(cell) for cell in pair] for pair in pairs]
+    rows = [[cells.text(cell) for cell in pair] for pair in pairs]
     return [
         "## Pairs of bodies that are not watched",
-        _table(["body", "body", "what they are", "why"], rows, words=True),
+        cells.table(["body", "body", "what they are", "why"], rows, words=True),
         "How to read it: two bodies that already overlap in the anchor pose (when grown a little) "
         "are neighbours by construction, and their distance cannot serve as a warning; bodies that "
         "cannot move relative to each other are left out here. All pairs stand in "
@@ -289,47 +296,52 @@ def _unwatched(pairs: Sequence[tuple[str, str, str, str]]) -> list[str]:
 
 
 def _data(metrics: Mapping[str, Any]) -> list[str]:
-    clips = _at(metrics, "clips")
+    clips = cells.at(metrics, "clips")
     rows = [
-        [_text(name), _count(split.get("clips")), _count(split.get("frames"))]
-        + [_count(split.get(key)) for key, _ in _CAUSES]
+        [cells.text(name), cells.count(split.get("clips")), cells.count(split.get("frames"))]
+        + [cells.count(split.get(key)) for key, _ in _CAUSES]
         for name, split in clips.items()
     ]
     dropped = (
         [
-            _table(["split", "motions", "frames kept", *[words for _, words in _CAUSES]], rows),
+            cells.table(
+                ["split", "motions", "frames kept", *[words for _, words in _CAUSES]], rows
+            ),
             "How to read it: the last four columns count frames that were dropped, each under "
             "the reason why.",
         ]
         if rows
-        else [f"Frames kept and dropped: {MISSING}."]
+        else [f"Frames kept and dropped: {cells.MISSING}."]
     )
-    domain, pairs = _at(metrics, "domain"), _at(metrics, "pairs")
-    sampling, poses = _at(metrics, "sampling"), _at(metrics, "poses")
+    domain, pairs = cells.at(metrics, "domain"), cells.at(metrics, "pairs")
+    sampling, poses = cells.at(metrics, "sampling"), cells.at(metrics, "poses")
     total = sampling.get("rows")
     moved = sampling.get("moved_mean_rad")
-    turned = f"{_plain(moved)} rad" + (
-        f" ({math.degrees(moved):.1f}°)" if _is_number(moved) else ""
+    turned = f"{cells.plain(moved)} rad" + (
+        f" ({math.degrees(moved):.1f}°)" if cells.is_number(moved) else ""
     )
     facts = [
-        ("skeletons to learn from: raw", _count(domain.get("raw"))),
-        ("skeletons to learn from: mirrored", _count(domain.get("mirrored"))),
-        ("skeletons to learn from: with noise", _count(domain.get("noisy"))),
-        ("pairs of human and robot", _count(pairs.get("rows"))),
-        ("of these colliding before projection", _of(pairs.get("collided"), pairs.get("rows"))),
-        ("sampled poses", _count(total)),
-        ("of these feasible as drawn", _of(sampling.get("feasible"), total)),
-        ("of these projected by the solver", _of(sampling.get("solved"), total)),
-        ("of these projected by the fallback", _of(sampling.get("fallback"), total)),
+        ("skeletons to learn from: raw", cells.count(domain.get("raw"))),
+        ("skeletons to learn from: mirrored", cells.count(domain.get("mirrored"))),
+        ("skeletons to learn from: with noise", cells.count(domain.get("noisy"))),
+        ("pairs of human and robot", cells.count(pairs.get("rows"))),
+        (
+            "of these colliding before projection",
+            cells.of(pairs.get("collided"), pairs.get("rows")),
+        ),
+        ("sampled poses", cells.count(total)),
+        ("of these feasible as drawn", cells.of(sampling.get("feasible"), total)),
+        ("of these projected by the solver", cells.of(sampling.get("solved"), total)),
+        ("of these projected by the fallback", cells.of(sampling.get("fallback"), total)),
         ("mean change in q by projection", turned),
-        ("robot poses", _count(poses.get("rows"))),
-        ("share of draws accepted as robot poses", _rate(poses.get("accepted_share"))),
+        ("robot poses", cells.count(poses.get("rows"))),
+        ("share of draws accepted as robot poses", cells.rate(poses.get("accepted_share"))),
     ]
     return [
         "## Frames kept and dropped",
         *dropped,
         "## What the training saw, and what projection did",
-        _table(["", ""], [[name, value] for name, value in facts]),
+        cells.table(["", ""], [[name, value] for name, value in facts]),
         "How to read it: projection moves a drawn pose to the nearest one found that is safe. "
         "The fallback is the poorer way, taken where the solver does not get there; it should "
         "be rare.",
@@ -344,19 +356,19 @@ def _coverage(splits: Mapping[str, Any]) -> list[str]:
     names.sort(key=lambda name: first.get(name, {}).get("mean", math.inf))
     titles = ["stored poses"]
     for split in splits:
-        titles += [f"{_text(split)}: alone", f"{_text(split)}: with the IK pairs"]
+        titles += [f"{cells.text(split)}: alone", f"{cells.text(split)}: with the IK pairs"]
     rows = []
     for name in names:
-        cells = [_text(name.replace("_", " "))]
+        row = [cells.text(name.replace("_", " "))]
         for split in splits.values():
             found = split.get(name, {})
             with_pairs = found.get("with_pairs")
-            cells.append(_distance(found.get("mean")))
-            cells.append(NONE if with_pairs is None else _distance(with_pairs))
-        rows.append(cells)
+            row.append(cells.distance(found.get("mean")))
+            row.append(cells.NONE if with_pairs is None else cells.distance(with_pairs))
+        rows.append(row)
     return [
         "## What each sampler covers",
-        _table(titles, rows),
+        cells.table(titles, rows),
         "How to read it: cosine distance of the nearest stored pose to people that no sampler "
         "has seen, every sampler with the same number of poses, found by brute force, so no "
         "look-up among these poses can do better. *uniform* is the paper's; *pairs alone* are "
@@ -372,79 +384,22 @@ def _training(training: Mapping[str, list[Mapping[str, float]]]) -> list[str]:
     for method in order + [key for key in training if key not in order]:
         history = training[method]
         if not history:
-            rows.append([_text(style.TRAINED.get(method, method)), MISSING, MISSING])
+            label = cells.text(style.TRAINED.get(method, method))
+            rows.append([label, cells.MISSING, cells.MISSING])
             continue
         first, last = history[0], history[-1]
         terms = [
-            f"{_text(TERMS[key][0] if key in TERMS else key.replace('_', ' '))} "
-            f"{_plain(first.get(key))} to {_plain(last[key])}"
+            f"{cells.text(TERMS[key][0] if key in TERMS else key.replace('_', ' '))} "
+            f"{cells.plain(first.get(key))} to {cells.plain(last[key])}"
             for key in [*TERMS, *[key for key in last if key not in TERMS]]
             if key in last and key != "step"
         ]
-        label = _text(style.TRAINED.get(method, method))
-        rows.append([label, _count(last.get("step")), "; ".join(terms)])
+        label = cells.text(style.TRAINED.get(method, method))
+        rows.append([label, cells.count(last.get("step")), "; ".join(terms)])
     if not rows:
-        return [*parts, f"Training: {MISSING}."]
+        return [*parts, f"Training: {cells.MISSING}."]
     return [
         *parts,
-        _table(["method", "steps", "loss terms, first to last row of the history"], rows),
+        cells.table(["method", "steps", "loss terms, first to last row of the history"], rows),
         "How to read it: a term that ends where it began was not learned.",
     ]
-
-
-def _table(titles: list[str], rows: list[list[str]], words: bool = False) -> str:
-    numbers = len(titles) > 3 and not words  # numbers stand to the right
-    lines = [titles, ["---"] + ["---:" if numbers else "---"] * (len(titles) - 1), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def _at(tree: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """A branch of the metrics; an empty one where it is missing."""
-    branch = tree.get(key)
-    return branch if isinstance(branch, Mapping) else {}
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _text(value: object) -> str:
-    """Words from outside, unable to break a table."""
-    return MISSING if value is None else " ".join(str(value).split()).replace("|", "\\|")
-
-
-def _count(value: object) -> str:
-    return f"{value:,.0f}" if _is_number(value) else MISSING
-
-
-def _of(value: object, total: object) -> str:
-    if not (_is_number(value) and _is_number(total) and total > 0):
-        return _count(value)
-    return f"{value:,.0f} ({_rate(value / total)})"
-
-
-def _distance(value: object) -> str:
-    return f"{value:.3f}" if _is_number(value) else MISSING
-
-
-def _plain(value: object) -> str:
-    return f"{value:.3g}" if _is_number(value) else MISSING
-
-
-def _rate(value: object) -> str:
-    """A share in percent; only an exact zero (or one) reads as 0 (or 100)."""
-    if not _is_number(value):
-        return MISSING
-    if value in (0, 1):
-        return f"{100 * value:.0f} %"
-    if 0 < value < 0.0005:
-        return "< 0.1 %"
-    return "> 99.9 %" if 0.9995 < value < 1 else f"{100 * value:.1f} %"
-
-
-def _degrees(distance: float) -> str:
-    return f"{math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - distance)))):.0f}°"
-
-
-def _listed(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]

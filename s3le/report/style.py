@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from s3le.files import replace
-from s3le.methods import ENTRIES
+from s3le.methods import ENTRIES, label
 
 COLOURS = {
     "truth": "#4d4d4d",
@@ -23,13 +23,15 @@ COLOURS = {
     "lwl2_pairs": "#D55E00",
     "lwl2": "#E69F00",
     "s3le": "#0072B2",
+    "certified_lookup": "#56B4E9",
+    "certified_refined": "#009E73",
     "skeleton_pairs": "#6b2f00",
     "skeleton_poses": "#7a5400",
     "skeleton_all": "#003a5c",
 }
-SPARE = ("#009E73", "#56B4E9", "#8c6d31", "#7f7f7f")  # for methods without a colour of their own
+SPARE = ("#8c6d31", "#7f7f7f", "#9a8ac7", "#b3b36b")  # for methods without a colour of their own
 
-METHODS = tuple((key, entry.label) for key, entry in ENTRIES.items())  # in reading order
+METHODS = tuple((key, label(key)) for key in ENTRIES)  # in reading order
 BRUTE_FORCE = {  # method -> brute-force search of the same pool
     key: entry.twin for key, entry in ENTRIES.items() if entry.twin
 }

@@ -103,7 +103,9 @@ def save(
 
 
 def load(folder: Path, changed: Mapping[str, object] | None = None) -> Retargeter:
-    """Read what `save` wrote.
+    """Read what `save` wrote, ready for its first frame.
+
+    The first time after an installation this compiles the kernels, which takes about a minute.
 
     Args:
         folder: where.
@@ -128,7 +130,7 @@ def load(folder: Path, changed: Mapping[str, object] | None = None) -> Retargete
                 f"{folder}: the robot is {it.tag!r}, the rest is for {about['robot']!r}"
             )
         settings = _settings(about["settings"], changed or {})
-        return Retargeter(it, _proposer(folder, it, about, settings), settings)
+        retargeter = Retargeter(it, _proposer(folder, it, about, settings), settings)
     except (BundleError, ParameterError):
         raise
     except S3leError as error:
@@ -138,6 +140,8 @@ def load(folder: Path, changed: Mapping[str, object] | None = None) -> Retargete
             f"{folder / ABOUT} is incomplete ({type(error).__name__} {error}); "
             "write it with: dvc repro export"
         ) from None
+    retargeter.warm_up()
+    return retargeter
 
 
 def _proposer(folder: Path, it: Machine, about: dict, settings: Settings) -> retrieval.Proposer:

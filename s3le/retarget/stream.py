@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
-from s3le.kernels import guard, segment
+from s3le.kernels import batch, guard, segment
 from s3le.kernels.calm import calm, middle
 from s3le.kernels.refine import LOOKUP, NOTHING
 from s3le.kernels.swept import swept
@@ -111,7 +111,7 @@ class Stream:
         memory, started = self._memory, bool(self._memory.flag[guard.WARM])
         try:
             dt = min(float(dt), LONGEST)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ParameterError(f"dt must be a number, got {dt!r}") from None
         if started and not dt >= SHORTEST:  # catches NaN
             return self._hold(Mode.HELD)
@@ -148,7 +148,7 @@ class Stream:
         if self._x is None:
             self._kept[:] = x
         else:
-            calm(x, dt, self._its.cutoff, settings.quickness, self._kept, self._rate)
+            calm(x, dt, self._its.cutoff, self._its.quickness, self._kept, self._rate)
         self._x = self._kept
 
     def _go(self, found: int, how: int, dt: float, dropped: bool) -> Step:
@@ -211,6 +211,7 @@ class Retargeter:
         self.rule, self.speed = settings.rule(machine), settings.speed(machine)
         self.brake = float(settings.brake) or np.inf
         self.cutoff = float(settings.cutoff) or np.inf
+        self.quickness = float(settings.quickness)  # another type would be compiled anew
         self.swept = swept(machine.chain)
         self._proposer, self._own = proposer, threading.local()
 
@@ -220,6 +221,19 @@ class Retargeter:
         from s3le.retarget import bundle  # it imports this module
 
         return bundle.load(folder, changed)
+
+    def warm_up(self) -> None:
+        """Compile what a frame needs, or read it from the store, so that no frame waits for it.
+
+        A look-up's scratch is made too, for the thread that calls this.
+        """
+        x = batch.skeletons(self.machine.chain, self.machine.robot.anchor[None])[0]
+        stream = self.start()
+        for _ in range(2):  # a first frame, and one that moves
+            stream.step(x, 1.0 / 30.0)
+        kept, rate, late = x.copy(), np.zeros(DIM), np.empty(DIM)
+        middle(x, x, x, late)
+        calm(x, 1.0 / 30.0, self.cutoff, self.quickness, kept, rate)
 
     def propose(self, x: np.ndarray) -> np.ndarray:
         """Poses to start from [rad], (k, n_dof)."""
@@ -320,8 +334,10 @@ def _directions(x: np.ndarray) -> np.ndarray | None:
         ParameterError: x has another shape or holds no numbers.
     """
     try:
+        if np.iscomplexobj(x):
+            raise TypeError
         x = np.asarray(x, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # the last: an int beyond every float
         raise ParameterError("a frame must hold numbers") from None
     if x.shape not in ((DIM,), (len(BONES), 3)):
         raise ParameterError(f"a frame must have shape ({DIM},) or (7, 3), got {x.shape}")

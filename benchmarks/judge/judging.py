@@ -1,0 +1,134 @@
+"""The independent judge: does what a retargeter did keep what it promises? By dense samples.
+
+A step is the straight joint path from one pose to the next. It is sampled so densely that no point
+of any body moves more than 1 mm between two samples, and an engine that shares nothing with the
+retargeter's kernels measures every watched pair that can come near. Left out are pairs that cannot:
+in the middle of each PART of the samples the engine measures all of them, and a pair that is then
+farther apart than both bodies can travel from there (link lengths by pinocchio,
+s3le/robot/judge.py), and FAR more, is as good as measured.
+
+It proves nothing. It looks, at other places and with other arithmetic than the proof that it
+judges; so it would see a proof that is wrong.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from engines import Engine
+
+from s3le.machine import Machine
+from s3le.robot.judge import reaches
+
+STEP = 0.001  # [m], most that a point of a body moves between two samples
+FAR = 0.005  # [m], pairs that stay farther apart than this are not sampled
+KERNELS_AGREE = 1e-7  # [m], to which engine and kernels agree on any two (tests/test_distance.py)
+PART = 64  # samples for which it is settled at once which pairs are near
+SHORTEST, LONGEST = 1e-6, 1.0  # [s], as promised: below, nothing moves; above, no more than in this
+KINDS = ("collision", "between", "margin", "limits", "speed", "held")
+
+
+class Promise(NamedTuple):
+    """What a retargeter says of every step."""
+
+    margin: float  # [m], clearance at both ends
+    between: float  # [m], and on the path between
+    speed: np.ndarray  # [rad/s], (n_dof,), most that each joint does
+    lower: np.ndarray  # [rad], (n_dof,)
+    upper: np.ndarray  # [rad], (n_dof,)
+
+
+class Verdict(NamedTuple):
+    """What was seen of one step."""
+
+    broken: tuple[str, ...]  # which of KINDS; empty: it keeps what was promised
+    clearance: float  # [m], least that was seen on the path, ends included; FAR: nothing was near
+    end: float  # [m], the same where the step ends
+    t: float  # share of the path where it was least
+    pair: int  # row of the watched pair; -1: nothing was near
+    speed: float  # highest share of a joint's speed limit
+    poses: int  # samples
+    checks: int  # distances measured
+
+
+class Judge:
+    """Judges steps of one robot with one engine."""
+
+    def __init__(self, machine: Machine, promise: Promise, engine: Engine) -> None:
+        """Measure the robot.
+
+        Args:
+            machine: the robot; of it are used the URDF, what is watched, and sizes of bodies.
+            promise: what its steps are held to.
+            engine: measures distances.
+        """
+        self._promise, self.engine = promise, engine
+        self._reach = reaches(machine.robot)  # (b, n_dof)
+        a, b = self._reach[machine.watched.T]  # (p, n_dof) each
+        # A joint that moves both bodies of a pair moves neither as seen from the other.
+        self._apart = np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0)  # (p, n_dof)
+
+    def step(self, q0: np.ndarray, q1: np.ndarray, dt: float) -> Verdict:
+        """Judge the step from q0 to q1 [rad], each (n_dof,), that took dt [s]."""
+        promise, moved = self._promise, np.abs(q1 - q0)
+        broken = []
+        if not (np.isfinite([q0, q1]).all() and np.abs([q0, q1]).max() < 1e3):
+            return Verdict(KINDS, np.nan, np.nan, np.nan, -1, np.nan, 0, 0)
+        if not ((promise.lower <= q1) & (q1 <= promise.upper)).all():
+            broken.append("limits")
+        ratio = 0.0
+        if dt >= SHORTEST:  # NaN: no time passed
+            most = promise.speed * min(dt, LONGEST)
+            ratio = float((moved / most).max())
+            if not (moved <= most).all():
+                broken.append("speed")
+        elif moved.any():
+            broken.append("held")
+        seen = self.path(q0, q1)
+        if not seen.clearance > 0.0:
+            broken.append("collision")
+        if not seen.clearance >= promise.between - KERNELS_AGREE:
+            broken.append("between")
+        if not seen.end >= promise.margin - self.engine.agrees:
+            broken.append("margin")
+        return seen._replace(broken=tuple(broken), speed=ratio)
+
+    def path(self, q0: np.ndarray, q1: np.ndarray) -> Verdict:
+        """Look at the straight path from q0 to q1 [rad], finite, both ends included."""
+        q, moved = self.samples(q0, q1), np.abs(q1 - q0)
+        least, pair = np.full(len(q), FAR), np.full(len(q), -1, np.int64)
+        poses = checks = 0
+        for first in range(0, len(q), PART):
+            part = slice(first, min(first + PART, len(q)))
+            count = part.stop - part.start
+            middle = self.engine.pairs(0.5 * (q[part.start] + q[part.stop - 1]))
+            travel = self._apart @ moved * ((count - 1) / max(len(q) - 1, 1) / 2)
+            near = np.flatnonzero(~(middle - travel > FAR))  # catches NaN
+            poses, checks = poses + 1, checks + len(middle)
+            if len(near):
+                least[part], pair[part] = self.engine.nearest(q[part], near)
+                poses, checks = poses + count, checks + count * len(near)
+        at = int(np.argmin(least))  # the first NaN, if any
+        return Verdict(
+            (), min(float(least[at]), FAR), min(float(least[-1]), FAR), at / max(len(q) - 1, 1),
+            int(pair[at]), np.nan, poses, checks,
+        )  # fmt: skip
+
+    def samples(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
+        """Poses of the path [rad], (m, n_dof), evenly spread, both ends included.
+
+        A point of a body moves by no more than the sum of |dq_j| times its distance from joint j.
+        """
+        farthest = (self._reach @ np.abs(q1 - q0)).max()
+        if farthest == 0.0:
+            return q1[None]
+        share = np.linspace(0.0, 1.0, max(1, int(np.ceil(farthest / STEP))) + 1)[:, None]
+        return (1.0 - share) * q0 + share * q1
+
+
+def promise_of(retargeter) -> Promise:
+    """What a s3le.retarget.Retargeter says of itself."""
+    machine = retargeter.machine
+    return Promise(
+        machine.margin, float(retargeter.settings.between), np.array(retargeter.speed),
+        machine.robot.lower, machine.robot.upper,
+    )  # fmt: skip

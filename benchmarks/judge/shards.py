@@ -1,0 +1,186 @@
+"""One shard of the judgement: streams drawn from its number, followed, and every step judged."""
+
+import hashlib
+import signal
+from collections import Counter
+from collections.abc import Iterable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import streams
+from engines import Coal, Mujoco, mujoco
+from judging import FAR, Judge, Verdict, promise_of
+
+from s3le import clipframes, store
+from s3le.errors import BundleError, ClipError
+from s3le.retarget.stream import Retargeter
+from s3le.tables.skeletons import SKELETONS
+
+STEPS = 1000  # of a shard
+MUJOCO_EVERY = 10  # one step in so many is judged by MuJoCo too
+UNGUARDED_EVERY = 20  # and one in so many as it would be with the guard off
+KEPT = 3  # violations of a shard that are written out
+CLIPS = (".bvh", ".amc", ".amc.gz")
+
+
+class Court:
+    """A retargeter, twice: as it was exported, and without a distance to keep beyond its margin."""
+
+    def __init__(self, folder: Path, source: Path) -> None:
+        """Load everything.
+
+        Args:
+            folder: exported retargeter.
+            source: folder of clips, or table skeletons.
+
+        Raises:
+            BundleError, ClipError: something is missing or cannot be read.
+        """
+        self.folder, self.source = Path(folder), Path(source)
+        if not self.folder.is_dir():
+            raise BundleError(f"{folder} is missing; write it with: dvc repro export")
+        self.plain = Retargeter.load(self.folder)
+        close = {"target": self.plain.machine.margin, "brake": 0.0, "check": False}
+        self.close = Retargeter.load(self.folder, close)
+        self.clips = read_clips(self.source, self.plain.machine.neck)
+        digest = hashlib.sha256()
+        for rate, x in self.clips:
+            digest.update(np.float64(rate).tobytes() + x.tobytes())
+        self.digest = digest.hexdigest()
+        machine, promise = self.plain.machine, promise_of(self.plain)
+        self.coal = Judge(machine, promise, Coal(machine))
+        self.mujoco = Judge(machine, promise, Mujoco(machine)) if mujoco else None
+        names = ["coal", "pin", *(["mujoco"] if mujoco else [])]
+        self.versions = {name: version(name) for name in names}
+
+    def shard(self, seed: int, number: int) -> dict[str, Any]:
+        """Judge a shard."""
+        kind = streams.KINDS[number % len(streams.KINDS)]
+        it = self.close if number // len(streams.KINDS) % 2 else self.plain
+        rng = np.random.default_rng(np.random.SeedSequence([seed, number]))
+        tally = {name: Tally() for name in ("coal", "mujoco", "unguarded")}
+        modes: Counter = Counter()
+        count = refused = near = 0
+        fastest, first = 0.0, []
+        while count < STEPS:
+            script = streams.draw(kind, it, rng, self.clips)
+            try:
+                made = streams.drive(it, script)
+            except Exception as escaped:  # the stream must survive every input
+                first.append({"broken": ["escaped"], "where": repr(escaped)[:300]})
+                count += 1
+                modes["escaped"] += 1
+                continue
+            refused += made.refused
+            keep = slice(0, STEPS - count)
+            modes.update(streams.shares(made.mode[keep]))
+            for i in range(*keep.indices(len(made.q1))):
+                path = made.q0[i], made.q1[i], float(made.dt[i])
+                seen = tally["coal"].add(self.coal.step(*path))
+                near += seen.clearance < FAR
+                fastest = max(fastest, seen.speed)
+                broken = seen.broken
+                if self.mujoco and count % MUJOCO_EVERY == 0:
+                    broken += tally["mujoco"].add(self.mujoco.step(*path)).broken
+                if count % UNGUARDED_EVERY == 0:
+                    tally["unguarded"].add(self.coal.step(made.free0[i], made.free1[i], path[2]))
+                if broken:
+                    first.append(written(self.plain, made, i, broken, seen))
+                count += 1
+        return {
+            "number": number,
+            "kind": kind,
+            "steps": count,
+            "refused": refused,
+            "modes": dict(modes),
+            "near": int(near),
+            "fastest": fastest,
+            "violations": len(first),
+            "first": first[:KEPT],
+        } | {name: one.record() for name, one in tally.items() if one.steps}
+
+
+class Tally:
+    """What one judge saw."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.steps = self.distances = self.steps_broken = 0
+        self.broken: Counter = Counter()
+        self.between = self.end = FAR
+
+    def add(self, seen: Verdict) -> Verdict:
+        """Count a verdict."""
+        self.steps += 1
+        self.distances += seen.checks
+        self.steps_broken += bool(seen.broken)
+        self.broken.update(seen.broken)
+        self.between = min(self.between, seen.clearance)
+        self.end = min(self.end, seen.end)
+        return seen
+
+    def record(self) -> dict[str, Any]:
+        """As JSON holds it; a clearance of FAR: never so near."""
+        return {
+            "steps": self.steps,
+            "distances": self.distances,
+            "steps_broken": self.steps_broken,
+            "broken": dict(self.broken),
+            "least_between_m": self.between,
+            "least_end_m": self.end,
+        }
+
+
+def written(
+    it: Retargeter, made: streams.Steps, i: int, broken: Iterable[str], seen: Verdict
+) -> dict[str, Any]:
+    """A violation as it can be reproduced: both poses to the bit."""
+    name = it.machine.pair_name(seen.pair) if seen.pair >= 0 else "no pair"
+    return {
+        "broken": list(broken),
+        "where": f"{name}, {seen.clearance * 1e3:.4f} mm at {seen.t:.3f} of a step of "
+        f"{made.dt[i]!r} s, {seen.speed:.3f} of the speed limit",
+        "mode": streams.Mode(int(made.mode[i])).name.lower(),
+        "q0": [float(v).hex() for v in made.q0[i]],
+        "q1": [float(v).hex() for v in made.q1[i]],
+        "dt": float(made.dt[i]).hex(),
+    }
+
+
+def read_clips(source: Path, neck: str) -> list[tuple[float, np.ndarray]]:
+    """Rate [Hz] and skeletons (n, 21) of every clip.
+
+    Raises:
+        ClipError: there is none, or one cannot be read.
+    """
+    if source.is_dir():
+        paths = sorted(p for p in source.rglob("*") if p.name.lower().endswith(CLIPS))
+        found = [clipframes.read(path, neck) for path in paths]
+        out = [(clip.fps, clip.x) for clip in found]
+    elif source.is_file():
+        table = store.read(SKELETONS, source)
+        names = np.unique(table["clip"])
+        out = [(30.0, table["x"][table["clip"] == name]) for name in names]
+    else:
+        raise ClipError(f"{source} is missing; write it with dvc repro, or give --clips FOLDER")
+    out = [(float(rate), np.ascontiguousarray(x, float)) for rate, x in out if len(x) > 1]
+    if not out:
+        raise ClipError(f"{source}: no clip (.bvh, .amc) in it")
+    return out
+
+
+_court: Court | None = None  # of a worker process
+
+
+def begin(folder: Path, source: Path) -> None:
+    """Load, once in each worker."""
+    global _court
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for the parent to stop
+    _court = Court(folder, source)
+
+
+def judged(seed: int, number: int) -> dict[str, Any]:
+    """A shard, in a worker."""
+    return _court.shard(seed, number)

@@ -1,0 +1,305 @@
+"""The independent judge: it sees what is wrong, and in what the retargeter does it sees nothing."""
+
+import json
+import sys
+from collections import Counter
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_retarget import retargeter, stored
+from worlds import MARGIN, coman, inside_limits
+
+from s3le.errors import ParameterError
+from s3le.robot.certificate import placements
+
+ROOT = Path(__file__).parents[1]
+NAMES = ("engines", "judging", "streams", "shards", "hunt", "run")
+STEPS, STEPS_BY_MUJOCO, STEPS_UNGUARDED = 5000, 500, 250
+SAME = 1e-9  # [m], two engines on the same capsules
+
+
+@pytest.fixture(scope="module")
+def rooms():
+    """The modules of benchmarks/judge."""
+    for name in NAMES:
+        sys.modules.pop(name, None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "benchmarks/judge"))
+        yield SimpleNamespace(**{name: __import__(name) for name in NAMES})
+    for name in NAMES:
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture(scope="module")
+def coal(rooms):
+    promise = rooms.judging.promise_of(retargeter())
+    return rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman()))
+
+
+@pytest.fixture(scope="module")
+def mujoco(rooms):
+    pytest.importorskip("mujoco")
+    promise = rooms.judging.promise_of(retargeter())
+    return rooms.judging.Judge(coman(), promise, rooms.engines.Mujoco(coman()))
+
+
+def scripts(rooms):
+    """Streams without end: motions through the body and hostile input, by two retargeters."""
+    its = retargeter(), retargeter(target=MARGIN, brake=0.0, check=False)
+    for number in range(10_000):
+        it, kind = its[number // 2 % 2], ("random", "adversarial")[number % 2]
+        yield it, rooms.streams.draw(kind, it, np.random.default_rng([7, number]))
+
+
+@pytest.fixture(scope="module")
+def steps(rooms):
+    """The first 5,000 steps of them: q0, q1, dt, and the same with the guard off."""
+    rows = []
+    for it, script in scripts(rooms):
+        made = rooms.streams.drive(it, script)
+        rows += zip(made.q0, made.q1, made.dt, made.free0, made.free1, made.mode, strict=True)
+        if len(rows) >= STEPS:
+            return rows[:STEPS]
+    raise AssertionError("too few steps")
+
+
+def heard(judge, rows):
+    """The verdicts, and how often each promise was broken."""
+    seen = [judge.step(*row) for row in rows]
+    return seen, Counter(kind for one in seen for kind in one.broken)
+
+
+# --- what the retargeter does
+
+
+def test_coal_sees_no_broken_promise_in_thousands_of_steps_near_contact(coal, steps):
+    seen, broken = heard(coal, [row[:3] for row in steps])
+    assert not broken
+    near = np.mean([one.clearance < 0.005 for one in seen])
+    assert len(seen) == STEPS and near > 0.5  # [m]
+    assert min(one.clearance for one in seen) < MARGIN  # some pass where no pose may stay
+    assert max(one.speed for one in seen) > 0.999  # and as fast as joints may turn
+    assert len({row[5] for row in steps}) >= 8  # modes
+
+
+def test_mujoco_sees_no_broken_promise_either(mujoco, coal, steps):
+    rows = [row[:3] for row in steps[:: STEPS // STEPS_BY_MUJOCO]]
+    seen, broken = heard(mujoco, rows)
+    assert not broken and len(seen) == STEPS_BY_MUJOCO
+    for row, one in list(zip(rows, seen, strict=True))[::10]:
+        other = coal.step(*row)
+        assert one.poses == other.poses and abs(one.clearance - other.clearance) < SAME
+
+
+def test_with_the_guard_off_both_see_the_same_input_break_the_promises(mujoco, coal, steps):
+    rows = [(row[3], row[4], row[2]) for row in steps[:: STEPS // STEPS_UNGUARDED]]
+    for judge, some in ((coal, rows), (mujoco, rows[::5])):
+        _, broken = heard(judge, some)
+        assert broken["collision"] > len(some) / 50 and broken["between"] >= broken["collision"]
+        assert broken["speed"] > len(some) / 10
+
+
+NUMBERS = st.one_of(
+    st.floats(), st.integers(), st.just(10**400), st.booleans(), st.none(), st.text(max_size=3),
+    st.floats(-1.0, 1.0), st.sampled_from([1j, b"x", {}, [], (1.0, 2.0), "0.03"]),
+)  # fmt: skip
+FRAMES = st.one_of(
+    NUMBERS,
+    st.lists(NUMBERS, max_size=22),
+    st.lists(st.floats(-2.0, 2.0), min_size=21, max_size=21),
+    st.lists(st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3), min_size=7, max_size=7),
+    st.tuples(*[NUMBERS] * 21),
+    st.just(np.full(21, "x")),
+    st.just(np.ones((7, 3), complex)),
+    st.just(np.array([10**400] * 21, object)),
+)
+TIMES = st.one_of(st.just(1 / 30), st.floats(), st.floats(1e-7, 2.0), NUMBERS)
+
+
+@settings(max_examples=60, deadline=None)
+@given(script=st.lists(st.tuples(FRAMES, TIMES), min_size=1, max_size=6))
+def test_whatever_comes_in_is_refused_in_words_or_answered_by_a_step_that_holds(coal, script):
+    it, x = retargeter(), stored()[1]
+    stream = it.start()
+    before = stream.step(x[0], 1 / 30).q
+    for given_x, dt in script:
+        try:
+            made = stream.step(given_x, dt)
+        except ParameterError:
+            assert (stream.q == before).all()
+            continue
+        assert coal.step(before, made.q, float(dt)).broken == ()
+        before = made.q
+    after = stream.step(x[1], 1 / 30)
+    assert coal.step(before, after.q, 1 / 30).broken == ()
+
+
+# --- the judge itself
+
+
+def test_engines_agree_with_each_other_and_with_the_certificate(rooms):
+    pytest.importorskip("mujoco")
+    made = coman()
+    one, other = rooms.engines.Coal(made), rooms.engines.Mujoco(made)
+    q = inside_limits(made, 60, 4)
+    found = np.array([one.pairs(pose) for pose in q])
+    assert np.allclose(found, [other.pairs(pose) for pose in q], rtol=0, atol=SAME)
+    assert np.allclose(found.min(axis=1), made.certifier().check(q).clearance, rtol=0, atol=SAME)
+    rows = np.arange(3, 60, 7)
+    for engine in (one, other):
+        least, pair = engine.nearest(q, rows)
+        assert np.allclose(least, found[:, rows].min(axis=1), rtol=0, atol=SAME)
+        assert set(pair) <= set(rows)
+
+
+def test_pairs_that_are_left_out_are_far(rooms, coal):
+    far = rooms.judging.FAR
+    q = stored()[0][:24]
+    for q0, q1 in zip(q[::2], q[1::2], strict=True):
+        end = q0 + np.clip(q1 - q0, -0.3, 0.3)
+        seen = coal.path(q0, end)
+        poses = coal.samples(q0, end)
+        whole = coman().certifier().check(poses).clearance
+        assert seen.clearance == pytest.approx(min(whole.min(), far), abs=SAME)
+        assert seen.end == pytest.approx(min(whole[-1], far), abs=SAME)
+
+
+def test_no_point_moves_more_than_a_millimetre_between_two_samples(coal):
+    made, way = coman(), np.random.default_rng(9).normal(size=(100, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    q0, q1 = stored()[0][:2]
+    poses = coal.samples(q0, q1)
+    assert (poses[0] == q0).all() and (poses[-1] == q1).all()
+    for row in range(0, len(poses) - 1, len(poses) // 5):
+        before, after = (placements(made.robot, pose) for pose in poses[row : row + 2])
+        for one, two, body in zip(before, after, made.robot.bodies, strict=True):
+            half = np.linalg.norm(body.b - body.a) / 2
+            skin = body.radius * way + np.sign(way[:, 2:]) * [0.0, 0.0, half]
+            first, then = (skin @ at.getRotation().T + at.getTranslation() for at in (one, two))
+            assert np.linalg.norm(then - first, axis=1).max() <= 0.001
+
+
+def test_each_promise_that_is_broken_is_named(coal):
+    anchor, arms_down = coman().robot.anchor, np.zeros(11)
+    assert coal.step(anchor, anchor, 0.1).broken == ()
+    assert coal.step(anchor, anchor, np.nan).broken == ()
+    moved = anchor + np.eye(11)[0] * 0.1
+    assert coal.step(anchor, moved, 1 / 30).broken == ()
+    for dt in (np.nan, 0.0, -1.0, 1e-9, -np.inf):
+        assert coal.step(anchor, moved, dt).broken == ("held",)
+    assert coal.step(anchor, moved, 0.02).broken == ("speed",)
+    assert coal.step(moved, anchor, np.inf).broken == ()  # no more than in a second
+    out = anchor + np.eye(11)[1] * 5.0
+    assert {"limits", "speed"} <= set(coal.step(anchor, out, np.inf).broken)
+    assert set(coal.step(anchor, np.where(anchor, np.nan, 0.0), 1.0).broken) >= {"collision"}
+    down = coal.step(anchor, arms_down, 1.0)
+    assert down.broken == ("collision", "between", "margin") and down.end < 0.0
+    assert coal.step(arms_down, anchor, 1.0).broken == ("collision", "between")
+
+
+def test_a_clearance_between_the_margins_is_for_paths_alone(coal):
+    """Bisected between a clear pose and one that collides."""
+    anchor, share = coman().robot.anchor, [0.0, 1.0]
+    checker = coman().certifier()
+    for _ in range(60):
+        middle = sum(share) / 2
+        free = checker.check((1.0 - middle) * anchor[None]).clearance[0] >= 0.001
+        share[0 if free else 1] = middle
+    pose = (1.0 - share[0]) * anchor  # 1 mm apart
+    assert coal.step(anchor, pose, 1.0).broken == ("margin",)
+    assert coal.step(pose, anchor, 1.0).broken == ()
+
+
+# --- shards, and the search
+
+
+@pytest.fixture
+def court(rooms, monkeypatch):
+    """A court of the tests' own retargeter."""
+    monkeypatch.setattr(rooms.shards, "STEPS", 30)
+    of_its_own = rooms.shards.Court
+
+    def make(folder=None, source=None):
+        made = object.__new__(of_its_own)
+        made.folder, made.source = Path(folder or "."), Path(source or ".")
+        made.plain, made.close = retargeter(), retargeter(target=MARGIN, brake=0.0, check=False)
+        made.clips, made.digest = [(30.0, stored()[1][:200])], "clips"
+        promise = rooms.judging.promise_of(made.plain)
+        made.coal = rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman()))
+        made.mujoco, made.versions = None, {"coal": "3"}
+        return made
+
+    return make
+
+
+def test_a_judgement_that_was_stopped_goes_on_and_ends_as_any_other(
+    rooms, court, tmp_path, monkeypatch
+):
+    (tmp_path / "retargeter.json").write_text("{}")
+    monkeypatch.setattr(rooms.shards, "Court", lambda *of: court(tmp_path))
+
+    def judged(name, **options):
+        given = {"steps": 90, "seconds": 0.0, "workers": 1, "search": 0.0, "seed": 3}
+        with pytest.raises(SystemExit) as end:
+            rooms.run.main(
+                **given | options, folder=tmp_path, clips=tmp_path, reports=tmp_path / name,
+                work=tmp_path / "work" / name,
+            )  # fmt: skip
+        assert end.value.code == 0
+        return json.loads((tmp_path / name / "steps.json").read_text())
+
+    whole = judged("whole")
+    assert whole["complete"] and whole["steps"] == 90 and whole["violations"] == 0
+    assert {"random", "adversarial", "real"} <= set(whole)
+    assert whole["all"]["coal"]["steps"] == 90 and whole["all"]["unguarded"]["steps"] == 6
+    perform, made = rooms.run.perform, []
+
+    def interrupted(*of):
+        for one in perform(*of):
+            made.append(one)
+            yield one
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rooms.run, "perform", interrupted)
+        part = judged("stopped")
+    assert not part["complete"] and part["steps"] == 30 and part["steps_planned"] == 90
+    assert judged("stopped") == whole
+
+
+def test_the_search_finds_what_a_retargeter_without_a_guard_does(rooms, court, monkeypatch):
+    def unguarded(it, script):
+        made = drive(it, script)
+        return made._replace(q0=made.free0, q1=made.free1)
+
+    class Bar:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *of):
+            pass
+
+        def update(self, more):
+            pass
+
+    drive, bar = rooms.streams.drive, lambda *of: Bar()
+    guarded = rooms.hunt.search(court(), 2.0, 1, bar)
+    assert guarded["violations"] == 0 and guarded["streams"] > 0 and guarded["steps"] > 0
+    monkeypatch.setattr(rooms.streams, "drive", unguarded)
+    found = rooms.hunt.search(court(), 2.0, 1, bar)
+    assert found["violations"] > 0 and len(found["first"]) == 3
+    assert found["fastest_of_limit"] > 1.0
+    one = found["first"][0]
+    assert len([float.fromhex(v) for v in one["q0"]]) == 11 and one["broken"]
+
+
+def test_without_a_retargeter_it_says_what_to_run(rooms, tmp_path):
+    with pytest.raises(SystemExit) as end:
+        rooms.run.main(folder=tmp_path / "none", clips=None)
+    assert str(end.value) == (
+        f"make judge: {tmp_path / 'none'} is missing; write it with: dvc repro export"
+    )

@@ -1,0 +1,105 @@
+"""Certified motions in the comparison: what a stream gives, motion by motion, or nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_retarget import held_to_its_word, motion, retargeter, stored
+from worlds import MARGIN, coman
+
+from s3le import online
+from s3le.errors import BundleError, CertificateError
+from s3le.kernels import batch
+from s3le.retarget.mode import Mode
+from s3le.retarget.stream import Retargeter, Step
+from s3le.skeleton import cosine_distance
+from s3le.tables.retargeted import MODES
+
+LENGTHS, RATE = (25, 1, 14), 25.0  # [Hz]; one frame is missing in the last motion
+SPEED = 4.0  # [rad/s], COMAN's
+
+
+@pytest.fixture(scope="module")
+def frames():
+    clips = np.repeat(["a", "b", "c"], LENGTHS)
+    times = np.concatenate([np.arange(n) for n in LENGTHS]) / RATE
+    times[-5:] += 1.0 / RATE
+    return clips, times, motion()[: sum(LENGTHS)]
+
+
+@pytest.fixture(scope="module")
+def both(frames):
+    return {refine: online.follow(coman(), retargeter(), *frames, refine) for refine in (0, 1)}
+
+
+@pytest.mark.parametrize("refine", [0, 1])
+def test_every_motion_starts_at_its_own_first_pose_and_all_of_it_is_certified(
+    frames, both, refine
+):
+    clips, times, _ = frames
+    q, mode = both[refine]
+    assert set(mode) <= set(MODES)
+    for clip in "abc":
+        own = clips == clip
+        assert mode[own][0] == "start" and "start" not in mode[own][1:]
+        held_to_its_word(q[own], np.diff(times[own]), SPEED, judged=1)
+
+
+def test_refined_it_is_what_a_stream_gives(frames, both):
+    clips, times, x = frames
+    own = clips == "c"
+    stream = retargeter().start()
+    steps = np.concatenate([[1 / 30], np.diff(times[own])])
+    rows = [stream.step(*frame) for frame in zip(x[own], steps, strict=True)]
+    np.testing.assert_array_equal(both[1][0][own], [row.q for row in rows])
+    assert both[1][1][own].tolist() == [row.mode.name.lower() for row in rows]
+
+
+def test_the_look_up_alone_goes_for_stored_poses(frames, both):
+    clips, times, x = frames
+    q, mode = both[0]
+    poses, skeletons = stored()
+    first = np.flatnonzero(np.r_[True, clips[1:] != clips[:-1]])
+    nearest = cosine_distance(skeletons[None], x[first][:, None]).argmin(axis=1)
+    np.testing.assert_array_equal(q[first], poses[nearest])
+    there = np.isin(mode, ["start", "lookup"])
+    assert (q[there][:, None] == poses[None]).all(axis=2).any(axis=1).all()
+    far = {k: cosine_distance(batch.skeletons(coman().chain, both[k][0]), x).mean() for k in both}
+    assert far[1] < far[0]  # refining is worth something
+
+
+def test_given_time_the_look_up_alone_is_where_it_wants_to_be(frames):
+    _, _, x = frames
+    slow = (np.repeat("a", 8), np.arange(8.0), x[:64:8])
+    calm = replace(retargeter().settings, brake=0.0)
+    it = Retargeter(coman(), retargeter(), calm)
+    q, mode = online.follow(coman(), it, *slow, False)
+    poses, skeletons = stored()
+    nearest = cosine_distance(skeletons[None], slow[2][:, None]).argmin(axis=1)
+    arrived = mode == "lookup"
+    assert arrived.sum() >= 3
+    np.testing.assert_array_equal(q[arrived], poses[nearest[arrived]])
+
+
+class Liar(Retargeter):
+    """Streams that go straight from one stored pose to another and call it certified."""
+
+    def start(self, q=None):
+        rows = iter(stored()[0])
+        return type("Stream", (), {"step": lambda _, x, dt: Step(
+            next(rows), Mode.REFINED, MARGIN, MARGIN, 0.0, 0.0)})()  # fmt: skip
+
+
+def test_a_motion_that_does_not_hold_is_refused_by_name(frames):
+    liar = Liar(coman(), retargeter(), retargeter().settings)
+    with pytest.raises(CertificateError, match=r"^a: 0\.0000 s \(row 0\): .* rad/s of 4"):
+        online.follow(coman(), liar, *frames, True)
+
+
+def test_a_retargeter_of_another_robot_is_refused(frames):
+    with pytest.raises(BundleError, match="dvc repro export"):
+        online.follow(coman(0.003), retargeter(), *frames, True)
+
+
+def test_the_table_knows_every_mode_of_a_stream():
+    assert set(MODES) == {"decoded", *(mode.name.lower() for mode in Mode)}
