@@ -65,3 +65,7 @@ class TrajectoryError(S3leError):
 
 class BundleError(S3leError):
     """An exported retargeter cannot be used: a piece is missing, damaged, or of another one."""
+
+
+class FilmError(S3leError):
+    """A picture or film cannot be made, or a viewer not opened: what is missing, what to do."""

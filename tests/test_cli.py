@@ -78,7 +78,7 @@ def waving(frames=12):
 # --- help
 
 
-@pytest.mark.parametrize("command", [None, "audit", "retarget", "stream"])
+@pytest.mark.parametrize("command", [None, "audit", "render", "retarget", "stream", "view"])
 def test_help_teaches_by_example(command):
     said = run(*([command] if command else []), "--help")
     assert said.exit_code == 0
@@ -93,7 +93,7 @@ def test_help_loads_nothing_heavy():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
-    heavy = {"numpy", "numba", "torch", "pinocchio", "coal", "polars", "pyarrow", "tqdm"}
+    heavy = {"numpy", "numba", "torch", "pinocchio", "coal", "polars", "pyarrow", "tqdm", "viser"}
     assert not heavy & set(said.stdout.split())
 
 

@@ -34,6 +34,10 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "polars": ("s3le/tables/", "s3le/store.py"),
     "pyarrow": ("s3le/store.py", "s3le/trajectory/parquet.py"),
     "matplotlib": ("s3le/report/",),
+    "viser": ("s3le/viewer/",),
+    "trimesh": ("s3le/viewer/",),
+    "av": ("s3le/movie.py",),
+    "PIL": ("s3le/movie.py",),
     "ruamel": ("s3le/robot/description.py",),
     "ray": ("s3le/engine/cluster.py",),
     "typer": ("s3le/cli/",),
@@ -51,6 +55,9 @@ APART = [
     ("s3le/training.py", {"numba", "pinocchio", "coal", "polars", "matplotlib"}),
     ("s3le/trajectory/", {"torch", "numba", "matplotlib"}),
     ("s3le/audit.py", {"torch", "matplotlib"}),
+    ("s3le/viewer/", {"torch", "ray", "av"}),
+    ("s3le/scene/", {"torch", "viser", "av"}),
+    ("s3le/movie.py", {"torch", "numba", "pinocchio", "coal", "viser"}),
     ("s3le/store.py", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
 ]
 

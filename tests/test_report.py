@@ -10,9 +10,22 @@ import pytest
 
 from s3le import files
 from s3le.errors import ParameterError
-from s3le.report import bars, cells, curves, growth, maps, page, solid, spaces, strip, style
+from s3le.report import (
+    bars,
+    cells,
+    curves,
+    figures,
+    growth,
+    maps,
+    page,
+    solid,
+    spaces,
+    strip,
+    style,
+)
 from s3le.robot import model
 from s3le.robot.certificate import placements
+from s3le.scene import human
 
 ROOT = Path(__file__).parents[1]
 METHODS = list(style.METHODS)
@@ -238,12 +251,12 @@ def test_body_outside_the_picture_is_left_out():
 
 def test_stick_figure_follows_the_skeleton(coman):
     x = coman[0][0]
-    ends, radius, colours = strip.stick_figure(x)
+    ends, radius, colours = human.stick_figure(x)
     assert len(ends) == len(radius) == len(colours)
-    trunk, *_ = (e for e, c in zip(ends, colours, strict=True) if c == strip.MIDDLE)
-    np.testing.assert_allclose(trunk[1] - trunk[0], strip.TRUNK * x[:3], atol=1e-12)
-    left = [e for e, c in zip(ends, colours, strict=True) if c == strip.LEFT]
-    np.testing.assert_allclose(left[2][1] - left[2][0], strip.FOREARM * x[18:], atol=1e-12)
+    trunk, *_ = (e for e, c in zip(ends, colours, strict=True) if c == human.MIDDLE)
+    np.testing.assert_allclose(trunk[1] - trunk[0], human.TRUNK * x[:3], atol=1e-12)
+    left = [e for e, c in zip(ends, colours, strict=True) if c == human.LEFT]
+    np.testing.assert_allclose(left[2][1] - left[2][0], human.FOREARM * x[18:], atol=1e-12)
     assert left[2][1][1] > 0.5  # [m] in the T-pose the left hand is far to the left
 
 
@@ -272,9 +285,9 @@ def test_a_collision_is_seen_in_the_picture(tmp_path, coman):
 def test_bodies_that_never_move_are_the_ones_that_stand_still(coman):
     _, ends, radius, still = coman
     row = strip.Row("robot", ends=ends, radius=radius)
-    np.testing.assert_array_equal(strip._still(row), still)
-    assert not strip._still(row._replace(ends=ends[:1])).any()  # one pose does not tell
-    np.testing.assert_array_equal(strip._still(row._replace(ends=ends[:1], still=still)), still)
+    np.testing.assert_array_equal(figures.still(row), still)
+    assert not figures.still(row._replace(ends=ends[:1])).any()  # one pose does not tell
+    np.testing.assert_array_equal(figures.still(row._replace(ends=ends[:1], still=still)), still)
 
 
 @pytest.mark.parametrize("spaces", [("s3le", "skeleton"), ("skeleton",), ()])

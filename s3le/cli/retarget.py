@@ -129,8 +129,10 @@ def _one(
 ) -> dict[str, Any]:
     """Retarget one clip and write what came of it."""
     from s3le import clipframes, conversion, store
+    from s3le.scene import motion
     from s3le.trajectory import files
 
+    how = how | {"about": how["about"] | motion.about_clip(path, out)}
     frames = clipframes.read(path, follower.machine.neck, tilt_max, fps)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:
         made = conversion.convert(follower, frames, **how, progress=progress)

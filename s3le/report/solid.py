@@ -6,36 +6,60 @@ nearest hit is kept, so bodies that run into each other at a joint look right wi
 Camera coordinates: right, up, towards the viewer [m]. World: x forward, y left, z up.
 """
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
 AZIMUTH = 22.0  # [deg] the camera stands in front, this far towards the subject's left
 ELEVATION = 14.0  # [deg] and this far above
 
 _LIGHT = np.array([-0.50, 0.72, 0.62])
-_FINE = 3  # rays per pixel and direction
+_FINE = 3  # rays per pixel and direction, of a still picture
 _STEP = 0.012  # [m] a jump in depth that earns an outline
 _SPREAD = 0.05  # [m] how far crevices are darkened
 
 
+class Camera(NamedTuple):
+    """Where all figures are seen from."""
+
+    azimuth: float = AZIMUTH  # [deg]
+    elevation: float = ELEVATION  # [deg], above 0: a floor is seen from above
+
+    def rotation(self) -> np.ndarray:
+        """World -> camera coordinates, (3, 3); rows are right, up, towards the viewer."""
+        az, el = np.radians(self.azimuth), np.radians(self.elevation)
+        towards = np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
+        right = np.array([-np.sin(az), np.cos(az), 0.0])
+        return np.stack([right, np.cross(towards, right), towards])
+
+    def __str__(self) -> str:
+        """Words for a caption."""
+        side = "left" if self.azimuth >= 0.0 else "right"
+        where = f"{abs(self.azimuth):g}° to its {side}" if self.azimuth else "its front"
+        return f"seen from {where} and {self.elevation:g}° above"
+
+
+USUAL = Camera()
+
+
 def camera() -> np.ndarray:
-    """Rotation world -> camera coordinates, (3, 3); rows are right, up, towards the viewer."""
-    az, el = np.radians(AZIMUTH), np.radians(ELEVATION)
-    towards = np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
-    right = np.array([-np.sin(az), np.cos(az), 0.0])
-    return np.stack([right, np.cross(towards, right), towards])
+    """The usual camera's rotation, (3, 3)."""
+    return USUAL.rotation()
 
 
-def extent(ends: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def extent(ends: np.ndarray, radius: np.ndarray, view: np.ndarray | None = None) -> np.ndarray:
     """What capsules cover in the picture: (left, right, low, high) [m].
 
     Args:
         ends: world ends [m], shape (..., b, 2, 3); rows that are not finite are left out.
         radius: [m], shape (b,).
+        view: the camera's rotation; None: the usual one.
 
     Returns:
         Shape (4,); zeros if nothing is finite.
     """
-    seen = ends @ camera().T  # (..., b, 2, 3)
+    seen = ends @ (camera() if view is None else view).T  # (..., b, 2, 3)
     grown = np.broadcast_to(np.asarray(radius)[:, None, None], (*seen.shape[:-1], 1))
     seen, grown = seen[..., :2].reshape(-1, 2), grown.reshape(-1, 1)
     good = np.isfinite(seen).all(axis=1)
@@ -43,6 +67,17 @@ def extent(ends: np.ndarray, radius: np.ndarray) -> np.ndarray:
         return np.zeros(4)
     low, high = (seen - grown)[good].min(axis=0), (seen + grown)[good].max(axis=0)
     return np.array([low[0], high[0], low[1], high[1]])
+
+
+class Painter(NamedTuple):
+    """The two parts of a picture that take time; s3le.scene.raster has them compiled."""
+
+    # (ends in camera coordinates, radius, colours, corner, scale, size, rays per pixel and
+    # direction) -> colour (h, w, 3), black where nothing is, and cover (h, w, 1)
+    rays: Callable[..., tuple[np.ndarray, np.ndarray]]
+    # (ends, radius, floor, u, v, view) -> share of light lost (h, w)
+    shadow: Callable[..., np.ndarray]
+    fine: int  # rays per pixel and direction
 
 
 def render(
@@ -53,6 +88,8 @@ def render(
     scale: float,
     size: tuple[int, int],
     floor: float | None = None,
+    view: np.ndarray | None = None,
+    painter: Painter | None = None,
 ) -> np.ndarray:
     """Draw capsules on white.
 
@@ -64,16 +101,20 @@ def render(
         scale: pixels per metre.
         size: height and width in pixels.
         floor: height of a floor that receives soft shadows [m], world z; None: no floor.
+        view: the camera's rotation; None: the usual one.
+        painter: what casts the rays; None: this file.
 
     Returns:
         Picture, uint8 of shape (height, width, 3), first row on top.
     """
+    view = camera() if view is None else view
+    painter = painter or PLAIN
     picture = np.ones((*size, 3))
     if floor is not None:
         across, down = _pixels(corner, scale, size)
-        picture *= 1.0 - _shadow(ends, radius, floor, across, down)[..., None]
+        picture *= 1.0 - painter.shadow(ends, radius, floor, across, down, view)[..., None]
     # Only the pixels around the bodies are worth rays.
-    left, right, low, high = extent(ends, radius)
+    left, right, low, high = extent(ends, radius, view)
     top, bottom = (round((corner[1] - side) * scale) for side in (high, low))
     first, last = (round((side - corner[0]) * scale) for side in (left, right))
     rows = slice(max(top - 2, 0), max(min(bottom + 2, size[0]), 0))
@@ -81,9 +122,8 @@ def render(
     part = rows.stop - rows.start, columns.stop - columns.start
     if min(part) > 0:
         start = corner[0] + columns.start / scale, corner[1] - rows.start / scale
-        fine = _rays(ends, radius, colours, start, scale * _FINE, [n * _FINE for n in part])
-        colour, cover = (
-            layer.reshape(part[0], _FINE, part[1], _FINE, -1).mean(axis=(1, 3)) for layer in fine
+        colour, cover = painter.rays(
+            ends @ view.T, radius, np.asarray(colours, float), start, scale, part, painter.fine
         )
         picture[rows, columns] = picture[rows, columns] * (1.0 - cover) + colour
     return np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
@@ -96,13 +136,20 @@ def _pixels(corner, scale, size):
     return across, corner[1] - (np.arange(height) + 0.5) / scale
 
 
-def _rays(ends, radius, colours, corner, scale, size):
+def _rays(turned, radius, colours, corner, scale, size, fine):
+    """Cast fine x fine rays per pixel and take their mean."""
+    layers = _each(turned, radius, colours, corner, scale * fine, [n * fine for n in size])
+    return tuple(
+        layer.reshape(size[0], fine, size[1], fine, -1).mean(axis=(1, 3)) for layer in layers
+    )
+
+
+def _each(turned, radius, colours, corner, scale, size):
     """One ray per pixel: colour (h, w, 3), black where nothing is, and cover (h, w, 1)."""
     u, v = _pixels(corner, scale, size)
     depth = np.full(size, -np.inf)  # towards the viewer
     normal = np.zeros((*size, 3))
     body = np.full(size, -1)
-    turned = ends @ camera().T
     for k, (a, b) in enumerate(turned):
         rows, columns = _box(a, b, radius[k], u, v)
         if rows.stop <= rows.start or columns.stop <= columns.start:
@@ -206,9 +253,9 @@ def _outlines(depth, body, solid):
     return np.where(solid, ink, 0.0)
 
 
-def _shadow(ends, radius, floor, u, v):
+def _shadow(ends, radius, floor, u, v, view):
     """Share of light a floor loses below the bodies, (h, w), fading with their height."""
-    right, up, towards = camera()
+    right, up, towards = view
     # The floor point (x, y, floor) that a pixel sees.
     w = (floor - v * up[2]) / towards[2]  # (h,)
     base = v[:, None] * up[:2] + w[:, None] * towards[:2]  # (h, 2)
@@ -226,3 +273,6 @@ def _shadow(ends, radius, floor, u, v):
         soft = 0.03 + 0.5 * max(over, 0.0)
         lost = np.maximum(lost, weight * np.clip(0.5 - gap / (2.0 * soft), 0.0, 1.0))
     return lost
+
+
+PLAIN = Painter(_rays, _shadow, _FINE)

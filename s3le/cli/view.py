@@ -1,0 +1,98 @@
+"""`s3le view`: motions in a browser, also over SSH."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from s3le.cli import shell, shown
+from s3le.errors import FilmError, ParameterError
+
+DENSEST = 60.0  # [Hz] of the moments that the slider knows
+
+
+def view(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Motions: .parquet, .csv, .npz or .npy, side by side.", show_default=False
+        ),
+    ],
+    human: Annotated[
+        str | None,
+        typer.Option(
+            help="Clip of the human, or none.", show_default="the clip that the first file names"
+        ),
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port, or the next that is free; 0: any.")] = 8080,
+    host: Annotated[
+        str,
+        typer.Option(help="Address to serve on; 0.0.0.0 shows it to everybody on the network."),
+    ] = "127.0.0.1",
+    open_browser: Annotated[bool, typer.Option("--open", help="Open a browser here.")] = False,
+    begin: Annotated[float | None, typer.Option("--from", help="Begin here [s].")] = None,
+    end: Annotated[float | None, typer.Option("--to", help="End here [s].")] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Folder that the robot stage wrote, robot file, or name in data/robots.",
+            show_default="the one that a file names, else data/robot, else coman",
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Rows per second of the files [Hz].", show_default="their own"),
+    ] = None,
+    joints: Annotated[
+        str | None,
+        typer.Option(
+            help="Names of the columns, for files that have none: NAME,NAME,... or a file."
+        ),
+    ] = None,
+    degrees: Annotated[
+        bool, typer.Option("--degrees", help="Angles of the files are in degrees.")
+    ] = False,
+) -> None:
+    """Look at motions in a browser: human and robots, clearance, where they were slowed or held.
+
+    Prints an address and serves it until Ctrl-C. Files are read as `s3le audit` reads them; the
+    human is the clip that the first file says it was made from, or --human. On another machine:
+    ssh -L 8080:localhost:8080 there, run it there, and open the address here.
+
+    \b
+    s3le view walk.parquet
+    s3le view ours.parquet theirs.csv --human walk.bvh
+    s3le view dance.npz --robot coman --from 10 --to 20 --port 9000
+    s3le view walk.parquet --open
+
+    Exit status: 0 when it is ended, 2 if nothing could be shown.
+    """  # noqa: D301
+    import threading
+
+    with shell.guarded():
+        if not 0 <= port <= 65_535:
+            raise ParameterError(f"--port must be from 0 to 65535, got {port}")
+        if rate is not None and not rate > 0.0:
+            raise ParameterError(f"--rate must be above 0 Hz, got {rate!r}")
+        loaded = shown.load(files, human, robot, rate, joints, degrees)
+        try:
+            from s3le.viewer.page import Page
+        except ModuleNotFoundError as error:
+            raise FilmError(f"the viewer needs {error.name}: pip install 's3le[view]'") from None
+        from s3le.scene import motion
+
+        times = motion.moments(loaded.motions, DENSEST, begin, end)
+        with shell.bar(len(times) * len(loaded.motions), "measuring", "moments") as progress:
+            page = Page(loaded.motions, loaded.human, times, host, port, progress)
+        typer.echo(f"{page.address}  (Ctrl-C ends it)")
+        if open_browser:
+            import webbrowser
+
+            webbrowser.open(page.address)
+        stopped = threading.Event()
+        try:
+            page.run(stopped)
+        except KeyboardInterrupt:
+            typer.echo("", err=True)
+        finally:
+            page.stop()
