@@ -103,20 +103,7 @@ class Mujoco:
         if mujoco is None:
             raise ImportError("mujoco is not installed: pip install mujoco")
         text = machine.robot.description
-        spec = mujoco.MjSpec.from_string(Path(text.urdf).read_text(encoding="utf-8"))
-        spec.compiler.fusestatic = False
-        spec.compiler.boundmass = spec.compiler.boundinertia = 1.0  # only places are asked for
-        for body in spec.bodies:
-            for i, geom in enumerate(body.geoms):
-                geom.name = f"{body.name}_{i}"
-                if geom.type == mujoco.mjtGeom.mjGEOM_BOX:
-                    half, radius, axis = containing_capsule_of_box(np.array(geom.size))
-                    turn = np.zeros(4)
-                    mujoco.mju_quatZ2Vec(turn, axis)  # from z to the capsule's axis
-                    mujoco.mju_mulQuat(turn, geom.quat.copy(), turn.copy())
-                    geom.type, geom.quat = mujoco.mjtGeom.mjGEOM_CAPSULE, turn
-                    geom.size = [radius, half, 0.0]
-        self._model = spec.compile()
+        self._model = spec_of(machine).compile()
         self._data = mujoco.MjData(self._model)
         for joint, angle in text.hold.items():
             self._data.qpos[self._model.joint(joint).qposadr[0]] = angle
@@ -144,6 +131,25 @@ class Mujoco:
                 for row in rows
             ]
         )
+
+
+def spec_of(machine: Machine) -> "mujoco.MjSpec":
+    """MuJoCo's reading of a robot's URDF, its boxes replaced by the capsules that contain them."""
+    text = machine.robot.description
+    spec = mujoco.MjSpec.from_string(Path(text.urdf).read_text(encoding="utf-8"))
+    spec.compiler.fusestatic = False
+    spec.compiler.boundmass = spec.compiler.boundinertia = 1.0  # only places are asked for
+    for body in spec.bodies:
+        for i, geom in enumerate(body.geoms):
+            geom.name = f"{body.name}_{i}"
+            if geom.type == mujoco.mjtGeom.mjGEOM_BOX:
+                half, radius, axis = containing_capsule_of_box(np.array(geom.size))
+                turn = np.zeros(4)
+                mujoco.mju_quatZ2Vec(turn, axis)  # from z to the capsule's axis
+                mujoco.mju_mulQuat(turn, geom.quat.copy(), turn.copy())
+                geom.type, geom.quat = mujoco.mjtGeom.mjGEOM_CAPSULE, turn
+                geom.size = [radius, half, 0.0]
+    return spec
 
 
 def _to_capsule(item: pin.GeometryObject) -> None:
