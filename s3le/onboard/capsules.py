@@ -1,0 +1,230 @@
+"""Small capsules that contain triangles: for a mesh one, or several that share it between them.
+
+Every vertex given lies in the capsule that is returned, and a capsule is convex, so every triangle
+does. Where a mesh is shared, triangles that cross the plane are cut there and both parts hold the
+cut: then the capsules together hold the whole surface, and what a closed one encloses. The search
+for a small capsule is a heuristic; that it contains is a maximum over the vertices themselves.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.spatial import ConvexHull, QhullError
+
+SLACK = 1e-9  # [m] added to a radius, so that rounding leaves no vertex outside
+WORTH = 0.75  # of the volume before, at most, that sharing must leave
+CLOSE = 0.008  # [m] a capsule that sticks out no farther is not shared
+_CUTS = (0.25, 0.4, 0.5, 0.6, 0.75)  # of the extent, where a mesh is cut on trial
+_SEARCHED = 200  # extreme points that stand for a mesh while a capsule is searched
+
+
+class Capsule(NamedTuple):
+    """All points within radius of the segment from a to b."""
+
+    a: np.ndarray  # [m], (3,)
+    b: np.ndarray  # [m], (3,)
+    radius: float  # [m]
+
+    @property
+    def volume(self) -> float:
+        """[m^3]."""
+        length = float(np.linalg.norm(self.b - self.a))
+        return np.pi * self.radius**2 * (length + 4.0 / 3.0 * self.radius)
+
+    def beyond(self, points: np.ndarray) -> float:
+        """How far the farthest of the points (n, 3) lies outside [m]; negative: inside."""
+        return float(_to_segment(points, self.a, self.b).max() - self.radius)
+
+
+class Fitted(NamedTuple):
+    """A capsule and what it stands for."""
+
+    capsule: Capsule
+    hull: float  # volume of the convex hull of its part of the mesh [m^3]
+    adds: float  # how far the capsule reaches beyond that hull [m]
+
+
+def fit(points: np.ndarray) -> Capsule:
+    """A small capsule that contains every point (n, 3) [m]; the same for the same points."""
+    outer = extreme(points)
+    crude = sorted((_crude(outer, way) for way in _ways(outer)), key=lambda c: c.volume)
+    best = min((_refined(outer, start) for start in crude[:3]), key=lambda c: c.volume)
+    return around(points, best.a, best.b)
+
+
+def around(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> Capsule:
+    """The thinnest capsule about a segment that contains every point (n, 3) [m]."""
+    return Capsule(a, b, float(_to_segment(points, a, b).max()) + SLACK)
+
+
+def share(triangles: np.ndarray, most: int) -> list[Fitted]:
+    """One capsule for the triangles, or up to `most` where that saves volume.
+
+    Args:
+        triangles: corners [m], (n, 3, 3).
+        most: capsules at most.
+    """
+    parts = [triangles]
+    made = [_fitted(triangles)]
+    while len(parts) < most:
+        order = sorted(
+            range(len(parts)), key=lambda k: made[k].hull - made[k].capsule.volume
+        )
+        for k in order:
+            if made[k].adds <= CLOSE:
+                continue
+            halves = _best_cut(parts[k])
+            if halves is None:
+                continue
+            new = [_fitted(half) for half in halves]
+            if sum(item.capsule.volume for item in new) <= WORTH * made[k].capsule.volume:
+                parts[k : k + 1] = halves
+                made[k : k + 1] = new
+                break
+        else:
+            break
+    return made
+
+
+def cut(triangles: np.ndarray, way: np.ndarray, at: float) -> tuple[np.ndarray, np.ndarray]:
+    """The triangles (n, 3, 3) below and above the plane way . x = at, those across it cut."""
+    height = triangles @ way - at  # (n, 3)
+    above = height > 0.0
+    count = above.sum(axis=1)
+    low, high = [triangles[count == 0]], [triangles[count == 3]]
+    for lone, one, two in ((True, high, low), (False, low, high)):
+        rows = np.flatnonzero(count == (1 if lone else 2))
+        if not len(rows):
+            continue
+        apex = np.argmax(above[rows] == lone, axis=1)
+        turn = (apex[:, None] + np.arange(3)) % 3  # the lone corner first
+        p = np.take_along_axis(triangles[rows], turn[:, :, None], axis=1)
+        h = np.take_along_axis(height[rows], turn, axis=1)
+        edge = [
+            p[:, 0] + (h[:, 0] / (h[:, 0] - h[:, k]))[:, None] * (p[:, k] - p[:, 0])
+            for k in (1, 2)
+        ]
+        one.append(np.stack([p[:, 0], *edge], axis=1))
+        two.append(np.stack([p[:, 1], p[:, 2], edge[0]], axis=1))
+        two.append(np.stack([p[:, 2], edge[0], edge[1]], axis=1))
+    return np.concatenate(low), np.concatenate(high)
+
+
+def hull_volume(points: np.ndarray) -> float:
+    """Volume of the convex hull [m^3]; 0 where the points lie in a plane."""
+    try:
+        return float(ConvexHull(points).volume)
+    except (QhullError, ValueError):
+        return 0.0
+
+
+def extreme(points: np.ndarray) -> np.ndarray:
+    """Up to _SEARCHED points that lie farthest in evenly spread directions, (k, 3)."""
+    points = np.unique(points, axis=0)
+    if len(points) <= _SEARCHED:
+        return points
+    return points[np.unique((points @ _sphere(_SEARCHED).T).argmax(axis=0))]
+
+
+def reach_beyond(capsule: Capsule, points: np.ndarray) -> float:
+    """How far a capsule reaches beyond the convex hull of the points it contains [m].
+
+    The Hausdorff distance of two convex sets is the largest difference of their support
+    functions; taken over 2,000 directions, so up to about a tenth of a millimetre too small.
+    """
+    ways = _sphere(2000)
+    own = np.maximum(ways @ capsule.a, ways @ capsule.b) + capsule.radius
+    return float((own - (extreme(points) @ ways.T).max(axis=0)).max())
+
+
+def _fitted(triangles: np.ndarray) -> Fitted:
+    points = triangles.reshape(-1, 3)
+    capsule = fit(points)
+    return Fitted(capsule, hull_volume(points), reach_beyond(capsule, points))
+
+
+def _best_cut(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """The cut across a main axis after which two crude capsules are smallest."""
+    points = triangles.reshape(-1, 3)
+    best, found = np.inf, None
+    for way in [*np.eye(3), *_axes(points)]:
+        low, high = (points @ way).min(), (points @ way).max()
+        for at in _CUTS:
+            halves = cut(triangles, way, low + at * (high - low))
+            if not all(len(half) for half in halves):
+                continue
+            total = 0.0
+            for half in halves:
+                outer = extreme(half.reshape(-1, 3))
+                total += min(_crude(outer, w).volume for w in [*np.eye(3), *_axes(outer)])
+            if total < best:
+                best, found = total, halves
+    return found
+
+
+def _crude(points: np.ndarray, way: np.ndarray) -> Capsule:
+    """A capsule along a direction, through the middle of what lies across it."""
+    other = np.eye(3)[int(np.argmin(np.abs(way)))]
+    first = np.cross(way, other)
+    first /= np.linalg.norm(first)
+    frame = np.stack([first, np.cross(way, first), way])
+    local = points @ frame.T
+    centre = (local[:, :2].min(axis=0) + local[:, :2].max(axis=0)) / 2
+    across = np.hypot(*(local[:, :2] - centre).T)
+    radius = across.max()
+    cap = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+    low, high = (local[:, 2] + cap).min(), (local[:, 2] - cap).max()
+    if low > high:
+        low = high = (low + high) / 2
+    a, b = (np.array([*centre, t]) @ frame for t in (low, high))
+    return around(points, a, b)
+
+
+def _refined(points: np.ndarray, start: Capsule) -> Capsule:
+    """Move both ends until the volume falls no more."""
+    size = max(float(np.ptp(points, axis=0).max()), 1e-6)
+    middle = points.mean(axis=0)
+    local = (points - middle) / size
+
+    def volume(ends: np.ndarray) -> float:
+        radius = _to_segment(local, ends[:3], ends[3:]).max()
+        return radius**2 * (np.linalg.norm(ends[3:] - ends[:3]) + 4.0 / 3.0 * radius)
+
+    ends = np.concatenate([start.a - middle, start.b - middle]) / size
+    for step in (0.1, 0.02):
+        simplex = np.concatenate([ends[None], ends + step * np.eye(6)])
+        found = minimize(
+            volume, ends, method="Nelder-Mead",
+            options={"initial_simplex": simplex, "maxfev": 500, "xatol": 1e-4, "fatol": 1e-7},
+        )  # fmt: skip
+        ends = found.x if found.fun < volume(ends) else ends
+    return around(points, ends[:3] * size + middle, ends[3:] * size + middle)
+
+
+def _to_segment(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distance of each point (n, 3) to the segment from a to b [m], (n,)."""
+    along = b - a
+    square = along @ along
+    rel = points - a
+    if square > 0.0:
+        rel = rel - np.clip(rel @ along / square, 0.0, 1.0)[:, None] * along
+    return np.sqrt((rel * rel).sum(axis=1))
+
+
+def _ways(points: np.ndarray) -> list[np.ndarray]:
+    return [*np.eye(3), *_axes(points), *_sphere(24)[:12]]
+
+
+def _axes(points: np.ndarray) -> np.ndarray:
+    """Main axes of the points, (3, 3), rows."""
+    return np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2][:3]
+
+
+def _sphere(count: int) -> np.ndarray:
+    """Directions spread evenly (Fibonacci's spiral), (count, 3)."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    turn = np.pi * (1.0 + 5.0**0.5) * k
+    flat = np.sqrt(1.0 - z**2)
+    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
