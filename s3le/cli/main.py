@@ -2,7 +2,7 @@
 
 import typer
 
-from s3le.cli import audit, retarget, stream
+from s3le.cli import audit, retarget, robot, stream
 from s3le.cli.shell import guarded
 
 app = typer.Typer(
@@ -17,6 +17,7 @@ app = typer.Typer(
 app.command("retarget", short_help="Motion files in, certified motions out.")(retarget.retarget)
 app.command("audit", short_help="Check any trajectory, pose by pose and between.")(audit.audit)
 app.command("stream", short_help="A live human in, a certified robot out.")(stream.stream)
+app.add_typer(robot.app, name="robot", short_help="A robot file from a URDF, and its check.")
 
 
 def run() -> None:

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
 SLACK = 1e-9  # [m] added to a radius, so that rounding leaves no vertex outside
-WORTH = 0.05  # of the volume that each further capsule must save
+WORTH = 0.08  # of the volume that each further capsule must save
 CLOSE = 0.015  # [m] a capsule that sticks out no farther is not shared
 _PROBES = 3000  # points that measure the volume of several capsules together
 _SEARCHED = 120  # extreme points that stand for a mesh while a capsule is searched
