@@ -69,7 +69,7 @@ def answer(
         q = pool["q"][found]
         report = checker.require(q, machine.margin, progress)
     x = batch.skeletons(machine.chain, q)
-    scored = score(x, truth["x"], human)
+    scored = score(x, truth["x"], human, machine.followed)
     split = frames["split"][rows]
     columns = {
         "method": np.full(len(rows), name),

@@ -16,9 +16,14 @@ class Scored(NamedTuple):
     to_human: np.ndarray  # mean cosine distance to the human's skeleton
 
 
-def score(x: np.ndarray, truth: np.ndarray, human: np.ndarray) -> Scored:
-    """Distances of the returned skeletons x to truth and human, all (n, 21)."""
-    return Scored(cosine_distance(x, truth), cosine_distance(x, human))
+def score(
+    x: np.ndarray, truth: np.ndarray, human: np.ndarray, bones: np.ndarray | None = None
+) -> Scored:
+    """Distances of the returned skeletons x to truth and human, all (n, 21).
+
+    Bones, bool (7,), are those that count; None: all.
+    """
+    return Scored(cosine_distance(x, truth, bones), cosine_distance(x, human, bones))
 
 
 def summary(clips: Sequence[str], scored: Scored, report: Report, margin: float) -> dict[str, dict]:

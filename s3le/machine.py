@@ -21,7 +21,15 @@ from s3le.kernels import chain
 from s3le.robot import pairs, sense
 from s3le.robot.certificate import Certifier, point_positions
 from s3le.robot.model import Robot, load
-from s3le.skeleton import ABSENT, BONES, DIM, NECKS, POINTS, SHORTEST_BONE, bone_vectors
+from s3le.skeleton import (
+    ABSENT,
+    BONES,
+    NECKS,
+    POINTS,
+    SHORTEST_BONE,
+    bone_vectors,
+    with_fixed,
+)
 from s3le.tables.robot_pairs import ROBOT_PAIRS
 
 ROBOT_FILE, SETTINGS, PAIRS = "robot.yaml", "settings.json", "pairs.parquet"
@@ -73,21 +81,20 @@ class Machine:
         Args:
             x: skeletons, (..., 21); as they are for a robot with all seven.
         """
-        if self.followed is None:
-            return x
-        out = np.array(x, float).reshape(*np.shape(x)[:-1], len(BONES), 3)
-        out[..., ~self.followed, :] = self._own[~self.followed]
-        return out.reshape(*np.shape(x)[:-1], DIM)
+        return with_fixed(x, self.fixed)
 
     @cached_property
-    def _own(self) -> np.ndarray:
-        """The robot's bones at its anchor, unit vectors (7, 3)."""
+    def fixed(self) -> dict[str, list[float]]:
+        """Bones that are not followed -> their direction at the anchor, a unit vector."""
+        if self.followed is None:
+            return {}
         at = sense.points(self.robot, self.robot.anchor[None])
         bones = bones_of(self.robot, at, self.neck)[0]
-        for b, bone in enumerate(BONES):
-            if not _present(self.robot)[b]:
-                bones[b] = ABSENT[bone]
-        return bones / np.linalg.norm(bones, axis=1, keepdims=True)
+        found = {}
+        for b in np.flatnonzero(~self.followed):
+            bone = bones[b] if _present(self.robot)[b] else np.array(ABSENT[BONES[b]])
+            found[BONES[b]] = (bone / np.linalg.norm(bone)).tolist()
+        return found
 
     @property
     def tag(self) -> str:
@@ -176,13 +183,7 @@ def write(machine: Machine, folder: Path) -> None:
     store.write_text(local, folder / ROBOT_FILE)
     settings = {"margin": machine.margin, "neck": machine.neck}
     store.write_json(settings, folder / SETTINGS)
-    store.write_json(
-        {
-            "followed": list(machine.vectors),
-            "own": machine._own.tolist(),
-        },
-        folder / BONES_FILE,
-    )
+    store.write_json({"fixed": machine.fixed}, folder / BONES_FILE)
     bodies = machine.robot.bodies
     rows = [
         (

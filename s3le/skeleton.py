@@ -4,9 +4,11 @@ Frame: x forward, y left, z up. Ten points describe an upper body; seven directi
 them are all that the method ever sees, so body size and proportions do not matter.
 """
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from s3le.errors import ParameterError
+from s3le.errors import ParameterError, RobotError
 
 POINTS = (
     "hip",
@@ -132,6 +134,38 @@ def mirror(x: np.ndarray) -> np.ndarray:
     """Left-right mirror of skeleton features, shape (n, 21)."""
     x = np.asarray(x)
     return (x.reshape(len(x), len(BONES), 3)[:, _MIRRORED_BONE] * _FLIP_Y).reshape(len(x), DIM)
+
+
+def fixed_in(tree: Mapping, where: object) -> dict[str, list[float]]:
+    """What a robot's folder notes of bones that it cannot turn: bone -> unit vector.
+
+    Raises:
+        RobotError: it is damaged.
+    """
+    fixed = tree.get("fixed")
+    good = isinstance(fixed, dict) and all(
+        bone in BONES and np.shape(way) == (3,) and abs(np.linalg.norm(way) - 1.0) < 1e-9
+        for bone, way in fixed.items()
+    )
+    if not good:
+        raise RobotError(f"{where}: damaged; write it with: dvc repro robot")
+    return fixed
+
+
+def with_fixed(x: np.ndarray, fixed: Mapping[str, Sequence[float]]) -> np.ndarray:
+    """Skeletons in which some bones are replaced, as a robot that cannot turn them sees people.
+
+    Args:
+        x: (..., 21).
+        fixed: bone -> unit vector (3,); empty: x is returned as it is.
+    """
+    if not fixed:
+        return x
+    out = np.array(x, float)
+    for bone, way in fixed.items():
+        first = 3 * BONES.index(bone)
+        out[..., first : first + 3] = way
+    return out
 
 
 def cosine_distance(

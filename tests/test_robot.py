@@ -349,8 +349,8 @@ SHOULDER = 'r_shoulder" type="'
 URDF_REFUSALS = {
     "continuous joint": (
         [(SHOULDER + "revolute", SHOULDER + "continuous")],
-        "arms.urdf: joint 'r_shoulder' is continuous; only joints with limits move: make it revolute "
-        'with lower and upper, as "s3le robot new" does',
+        "arms.urdf: joint 'r_shoulder' is continuous; only joints with limits move: make it "
+        'revolute with lower and upper, as "s3le robot new" does',
     ),
     "prismatic joint": (
         [(SHOULDER + "revolute", SHOULDER + "prismatic")],
@@ -543,8 +543,8 @@ def test_a_robot_without_collision_geometry_is_refused(tmp_path):
     with pytest.raises(RobotError) as refusal:
         model.load(write_arms(tmp_path, urdf=bare))
     assert words(refusal.value, tmp_path) == (
-        "arms.urdf: no collision geometry, so nothing could be checked; s3le robot new puts capsules "
-        "around meshes"
+        "arms.urdf: no collision geometry, so nothing could be checked; s3le robot new puts "
+        "capsules around meshes"
     )
 
 

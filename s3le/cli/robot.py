@@ -75,7 +75,7 @@ def new(
         )  # fmt: skip
         paths = propose.write(made, out, force)
         png = picture or out / f"{made.name}.png"
-        _draw(made.machine, png, [f"look: {line}" for line in made.look])
+        _draw(shell.robot(str(out / f"{made.name}.yaml"), margin), png, [f"look: {line}" for line in made.look])
     for path in [*paths, png]:
         typer.echo(f"wrote {path}")
     for body in made.made:
@@ -88,7 +88,9 @@ def new(
         typer.echo(f"sure: {line}")
     for line in made.look:
         typer.echo(f"look: {line}")
-    typer.echo(f"next: look at {png}; s3le robot check {made.name}; dvc exp run -S robot={made.name}")
+    typer.echo(
+        f"next: look at {png}; s3le robot check {made.name}; dvc exp run -S robot={made.name}"
+    )
 
 
 @app.command("check", short_help="What there is to know about a robot file.")
@@ -136,8 +138,8 @@ def _draw(machine: "Machine", path: Path, notes: list[str]) -> None:
     it, chain = machine.robot, machine.chain
     q = it.anchor[None]
     points = batch.points(chain, q)[0]
-    tail, head = points[chain.tail].mean(axis=1), points[chain.head].mean(axis=1)
     kept = [BONES.index(name) for name in machine.vectors]
+    tail, head = (points[ends[kept]].mean(axis=1) for ends in (chain.tail, chain.head))
     dropped = [
         (p.a, p.b) for p in machine.pairs if p.reason not in (pairs.WATCHED, pairs.FIXED)
     ]
@@ -145,6 +147,6 @@ def _draw(machine: "Machine", path: Path, notes: list[str]) -> None:
         f"{it.name} at its anchor: {it.n_dof} joints, {len(it.bodies)} bodies, "
         f"{len(machine.watched)} pairs watched, {len(dropped)} not",
         batch.capsule_ends(chain, q)[0], chain.body_radius, pairs.body_kinds(it),
-        np.stack([tail, head], axis=1)[kept], list(machine.vectors), dropped, notes,
+        np.stack([tail, head], axis=1), list(machine.vectors), dropped, notes,
     )  # fmt: skip
     picture.draw(path, shown)

@@ -16,6 +16,7 @@ from s3le.kernels.distance import nearest_on_segments, place_capsules, reach
 from s3le.kernels.kinematics import bones, place
 from s3le.kernels.solver import blend, clearance_of, minimise, restore
 from s3le.kernels.threads import workers
+from s3le.skeleton import POINTS
 
 Progress = Callable[[int], object]
 CHUNK = 256  # rows a worker takes at a time
@@ -51,7 +52,7 @@ def points(chain: Chain, q: np.ndarray) -> np.ndarray:
     q = _poses(chain, q)
     at = np.empty((len(q), len(chain.point), 3))
     _points(chain, q, at)
-    return at
+    return at[:, : len(POINTS)]
 
 
 def capsule_ends(chain: Chain, q: np.ndarray) -> np.ndarray:

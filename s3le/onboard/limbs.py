@@ -62,13 +62,18 @@ def find(source: Source) -> Limbs:
     turning = [j for j in shared if tree.turns(j)]
     waist = turning[-_WAIST:]
     if held := [tree.name(j) for j in turning[:-_WAIST]]:
-        look.append(f"waist: the last {_WAIST} joints before the arms move; held: {', '.join(held)}")
+        look.append(f"waist: the last {_WAIST} joints before the arms move, not {', '.join(held)}")
     for j in shared:
         if not tree.turns(j):
-            look.append(f"'{tree.name(j)}' before the arms does not turn (lift or base); it is held")
+            look.append(f"'{tree.name(j)}' before the arms does not turn (a lift?); it is held")
     trunk = shared[-1] if shared else 0
-    link = tree.link(waist[0]) if waist else _body(tree, trunk, list(roots.values()))
     legs = _legs(tree, set(roots.values()))
+    if waist:
+        link = tree.link(waist[0])
+    elif legs and tree.path(legs[0])[:-1] == shared:  # legs and arms hang on one stiff trunk
+        link = tree.link(legs[0])
+    else:
+        link = _body(tree, trunk, list(roots.values()))
     middle = np.mean([arm.shoulder for arm in arms.values()], axis=0)
     points: dict[str, Point] = {}
     axes = [tree.axis(j) for j in range(1, tree.model.njoints) if tree.turns(j)]
@@ -92,7 +97,7 @@ def find(source: Source) -> Limbs:
     for arm in arms.values():
         points |= arm.points
     sure.append(
-        "waist: " + (", ".join(tree.name(j) for j in waist) if waist else "none, the trunk is stiff")
+        "waist: " + (", ".join(map(tree.name, waist)) if waist else "none, the trunk is stiff")
     )
     angle = np.degrees(np.arccos(np.clip((np.trace(base) - 1) / 2, -1, 1)))
     if angle > 1.0:
@@ -118,7 +123,8 @@ def _arm_roots(tree: Tree, source: Source, sure: list[str], look: list[str]) -> 
         if good:
             best = max(good, key=lambda p: (tree.resembles_arm(p[0]) > 0, *_high(tree, p)))
             if named:
-                sure.append(f"arms: begin at {tree.name(best[1])} and {tree.name(best[0])}, by name")
+                begin = " and ".join(tree.name(j) for j in best[::-1])
+                sure.append(f"arms: begin at {begin}, by name")
             else:
                 look.append(
                     f"arms: names tell no sides; '{tree.name(best[0])}' lies towards +y and is "
@@ -128,7 +134,8 @@ def _arm_roots(tree: Tree, source: Source, sure: list[str], look: list[str]) -> 
     single = [j for j in range(1, tree.model.njoints) if long_enough(j)]
     single = [
         j for j in single
-        if len(main_chain(tree, j)) >= 3 and tree.resembles_arm(j) >= 0
+        if len(main_chain(tree, j)) >= (3 if tree.resembles_arm(j) > 0 else 4)
+        and tree.reach(j) >= 0.3 and tree.resembles_arm(j) >= 0
         and not any(k in single and len(tree.children[k]) == 1 for k in tree.path(j)[:-1])
     ]  # fmt: skip
     if not single:
@@ -137,7 +144,10 @@ def _arm_roots(tree: Tree, source: Source, sure: list[str], look: list[str]) -> 
             "more, best in pairs whose names differ in left and right); write the robot file by "
             "hand, see docs/robots.md"
         )
-    root = max(single, key=lambda j: (tree.resembles_arm(j), tree.reach(j)))
+    most = max(tree.resembles_arm(j) for j in single)
+    alike = [j for j in single if tree.resembles_arm(j) == most]
+    # A waist has all of the arm's names below it; the arm begins where its own name is one.
+    root = alike[-1] if tree.named_like_arm(alike[-1]) else max(alike, key=tree.reach)
     chain = main_chain(tree, root)
     if not tree.path(root)[:-1]:  # an arm that stands by itself
         chain_names = " ".join(tree.name(j) for j in chain)
@@ -211,7 +221,7 @@ def _arm(
     upper, lower = np.linalg.norm(elbow - tree.at(shoulder)), np.linalg.norm(at - elbow)
     if not 0.4 < upper / max(lower, 1e-9) < 2.5:
         look.append(
-            f"{side} arm: upper {upper * 1e3:.0f} mm, forearm {lower * 1e3:.0f} mm: an unusual ratio"
+            f"{side} arm: upper {upper * 1e3:.0f} mm, forearm {lower * 1e3:.0f} mm: unusual"
         )
     return _Arm(chain, tree.at(shoulder), elbow, points, used)
 

@@ -1,8 +1,10 @@
 """From a URDF to the text of a robot file: joints, hold, anchor, speeds; what to look at."""
 
+import contextlib
+import os
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,10 +26,9 @@ FASTEST = 60.0  # [rad/s] a limit beyond is a placeholder
 
 @dataclass
 class Proposal:
-    """What `robot new` found out and wrote."""
+    """What `robot new` found out, and what is to be written."""
 
     name: str
-    machine: machine.Machine
     made: list[bodies.Made]
     found: anchor.Found
     sure: list[str]
@@ -65,7 +66,7 @@ def propose(
         RobotError: something in the files cannot be used; says what to do.
     """
     if not re.fullmatch(r"[A-Za-z0-9_.+-]{1,100}", name):
-        raise RobotError(f"a robot's name is of letters, digits and _.+-, got {name!r}; give --name")
+        raise RobotError(f"a robot's name is of letters, digits and _.+-, not {name!r}: --name")
     origin = source.read(urdf, packages, visual)
     disabled = srdf.disabled(srdf_file) if srdf_file else {}
     given = bodies.read_spheres(spheres) if spheres else {}
@@ -93,7 +94,7 @@ def propose(
                    for j in map(tree.model.getJointId, moving)
                    if tree.model.joints[j].nq == 1
                    and tree.still[tree.model.joints[j].idx_q] != 0.0}  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, _called(folder, name, urdf):
         robot = plan.load(Path(folder))
         plan.joints = _that_turn(robot, look)
         plan.anchor = {j: v for j, v in plan.anchor.items() if j in plan.joints}
@@ -118,12 +119,22 @@ def propose(
         plan.notes = [f"sure: {line}" for line in sure] + [f"look: {line}" for line in look]
         files[f"{name}.yaml"] = plan.text().encode()
         plan.load(Path(folder))
-        ready = machine.make(Path(folder) / f"{name}.yaml", margin, neck)
+        machine.make(Path(folder) / f"{name}.yaml", margin, neck)
     (sure if best.how != "search" else look).append(
         f"anchor: {best.how}, {best.clearance * 1e3:.0f} mm clear, "
         f"{best.overlaps} pairs overlap there and are not watched"
     )
-    return Proposal(name, ready, made, best, sure, look, files)
+    return Proposal(name, made, best, sure, look, files)
+
+
+@contextlib.contextmanager
+def _called(folder: str, name: str, urdf: Path) -> Iterator[None]:
+    """Refusals name the files that people know, not the copies that are tried out."""
+    try:
+        yield
+    except RobotError as refusal:
+        said = str(refusal).replace(str(Path(folder) / "urdf" / f"{name}.urdf"), str(urdf))
+        raise RobotError(said.replace(f"{folder}{os.sep}", "")) from None
 
 
 def write(proposal: Proposal, folder: Path, force: bool) -> list[Path]:
@@ -248,7 +259,7 @@ def _continuous(origin: source.Source, moving: list[str], look: list[str]) -> No
             limit = source.ElementTree.SubElement(joint, "limit", {"effort": "0", "velocity": "0"})
         limit.set("lower", "-3.141593")
         limit.set("upper", "3.141593")
-        look.append(f"'{name}' is continuous; in the robot file's URDF it turns from -180 to 180 deg")
+        look.append(f"'{name}' is continuous; in the robot file's URDF it has limits of 180 deg")
 
 
 def _hold(

@@ -162,7 +162,10 @@ class _Finder:
         at = Path(name.removeprefix("file://"))
         at = at if at.is_absolute() else self.urdf.parent / at
         if not at.is_file():
-            raise RobotError(f"{self.urdf}: link '{link}' wants the mesh {at}, which does not exist")
+            raise RobotError(
+                f"{self.urdf}: link '{link}' wants the mesh {at}, which does not exist; put it "
+                "there, or correct the filename"
+            )
         return at
 
     def _places(self, inside: str) -> list[Path]:
@@ -201,7 +204,9 @@ def load_mesh(file: Path, scale: np.ndarray) -> np.ndarray:
         vertices = np.array(mesh.vertices(), float)
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())[:160]
-        raise RobotError(f"{file}: not readable as a mesh ({reason}); give STL, DAE or OBJ") from None
+        raise RobotError(
+            f"{file}: not readable as a mesh ({reason}); give STL, DAE or OBJ"
+        ) from None
     if not len(corners):
         raise RobotError(f"{file}: a mesh without triangles; give another one or leave it out")
     if not (np.abs(vertices) <= FARTHEST).all():

@@ -1,4 +1,4 @@
-"""What `robot check` finds out about a robot that loads: ranges, reach, pairs, random poses, time."""
+"""What `robot check` finds out about a robot: ranges, reach, pairs, random poses, time."""
 
 import time
 from collections import Counter
@@ -88,7 +88,8 @@ def lines(machine: Machine, found: Survey, every: bool) -> list[str]:
     for joint, at in zip(robot.joints, robot.anchor, strict=True):
         low, high, here = np.degrees([joint.lower, joint.upper, at])
         speed = np.degrees(joint.velocity)
-        out.append(f"  {joint.name:<28} {low:8.1f} to {high:7.1f}, anchor {here:7.1f}, {speed:6.0f}")
+        about = f"{low:8.1f} to {high:7.1f}, anchor {here:7.1f}, {speed:6.0f}"
+        out.append(f"  {joint.name:<28} {about}")
         if not 0.0 < joint.velocity < np.inf:
             out.append("      look: this is no speed limit; give one under velocity")
     out.append(
@@ -115,7 +116,8 @@ def lines(machine: Machine, found: Survey, every: bool) -> list[str]:
     )
     if found.always:
         out.append(f"  watched, and overlap in {ALWAYS:.0%} of them and more: {len(found.always)}")
-        out += _some([f"{machine.pair_name(k)} ({share:.1%})" for k, share in found.always], every)
+        often = [f"{machine.pair_name(k)} ({share:.1%})" for k, share in found.always]
+        out += _some(often, every)
     if found.never:
         out.append(
             f"  watched, though no pose brought them within {NEVER * 1e3:g} mm: {len(found.never)}"
@@ -124,7 +126,7 @@ def lines(machine: Machine, found: Survey, every: bool) -> list[str]:
             f"{machine.pair_name(k)} ({least * 1e3:.0f} mm)" for k, least in found.never
         ], every)  # fmt: skip
     out.append(
-        f"one check: {found.kernel * 1e6:.1f} us by the kernels, {found.coal * 1e6:.0f} us by coal; "
+        f"one check: {found.kernel * 1e6:.1f} us by kernels, {found.coal * 1e6:.0f} us by coal; "
         f"they differ by {found.apart:.1e} m at most"
     )
     if found.hulls is not None:
@@ -142,4 +144,5 @@ def lines(machine: Machine, found: Survey, every: bool) -> list[str]:
 def _some(items: list[str], every: bool, most: int = 12) -> list[str]:
     shown = items if every or len(items) <= most else items[:most]
     rest = len(items) - len(shown)
-    return [f"      {item}" for item in shown] + ([f"      and {rest} more (--all)"] if rest else [])
+    tail = [f"      and {rest} more (--all)"] if rest else []
+    return [f"      {item}" for item in shown] + tail

@@ -10,12 +10,12 @@ import pinocchio as pin
 
 _SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("L", "R"), ("l", "r"))
 _ARM = re.compile(r"arm|shoulder|elb|wrist|hand|gripper|finger|humer|clav|Sh[LSYPR]|Wr", re.I)
-_LEG = re.compile(r"hip|knee|ankle|ank|leg|foot|feet|thigh|shin|toe|sole|crotch|wheel", re.I)
+_LEG = re.compile(r"hip|knee|ank|leg|foot|feet|thigh|calf|toe|sole|crotch|wheel", re.I)
 
 
 @dataclass
 class Tree:
-    """Joints by pinocchio's index (1 and up; 0 is the base), placed at zero or as near as limits."""
+    """Joints by pinocchio's index (1 and up; 0: the base), at zero or as near as limits let."""
 
     model: pin.Model
 
@@ -103,6 +103,10 @@ class Tree:
         under = self.below(joint)
         spots = [self.at(j) for j in under] + [self.place(f) for f in self.frames(under)]
         return float(max(np.linalg.norm(spot - here) for spot in spots))
+
+    def named_like_arm(self, joint: int) -> bool:
+        """Does its own name speak of an arm?"""
+        return _ARM.search(self.name(joint)) is not None
 
     def resembles_arm(self, joint: int) -> int:
         """Names below that speak of an arm, less those that speak of a leg."""

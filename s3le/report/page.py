@@ -89,7 +89,7 @@ def markdown(
     """
     parts = [
         *_head(metrics),
-        *_measure(),
+        *_measure(_at(metrics, "run")),
         *_splits(_at(metrics, "splits")),
         *_pictures(figures),
         *_guarantees(metrics),
@@ -128,14 +128,22 @@ def _head(metrics: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _measure() -> list[str]:
+def _measure(run: Mapping[str, Any]) -> list[str]:
+    count, names = run.get("vectors", 7), run.get("vectors_are", "all")
+    fewer = (
+        f" Here it is the mean over the {count} that the robot has and can turn: {names}. The "
+        "others are the robot's own on both sides."
+        if count != 7
+        else ""
+    )
     return [
         "## The measure",
         "A pose is seen as seven directions: trunk, shoulders, upper arms, forearms. *Cosine "
         "distance* is the mean over the seven of 1 - cos(angle between the two directions): 0 is "
         "the same pose, and d is what one gets when every direction is off by acos(1 - d). "
         + "; ".join(f"{d:g} is {_degrees(d)}" for d in (0.01, 0.05, 0.1, 0.2))
-        + ".",
+        + "."
+        + fewer,
     ]
 
 

@@ -1,4 +1,4 @@
-"""A picture of a robot in its anchor: its bodies, its vectors, and the pairs that nobody watches."""
+"""A picture of a robot in its anchor: bodies, vectors, and the pairs that nobody watches."""
 
 import textwrap
 from pathlib import Path

@@ -27,8 +27,8 @@ MAPPED = (
 )
 ARMS = {side: tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "hand")) for side in "rl"}
 _KEYS = (
-    "name", "urdf", "srdf", "hulls", "base_rpy", "points", "joints", "hold", "anchor", "velocity",
-    "pair_inflation",
+    "name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation",
+    "srdf", "hulls", "velocity",
 )  # fmt: skip
 _OPTIONAL = {
     "srdf": None, "hulls": None, "base_rpy": [0.0, 0.0, 0.0], "hold": {}, "velocity": {},

@@ -1,7 +1,7 @@
 """The third opinion: convex hulls of a robot's own meshes, in coal, over every pair of neighbours.
 
 It knows nothing of capsules nor of which pairs are watched. Only links that cannot move against
-each other, and links that a single moving joint parts, are left out.
+each other, and neighbours (no other hull lies between the two in the tree), are left out.
 """
 
 from pathlib import Path
@@ -40,7 +40,7 @@ class HullCheck:
         file = robot.description.hulls if file is None else file
         if file is None:
             raise RobotError(
-                f"{robot.description.source} names no hulls; write them with: s3le robot new --hulls"
+                f"{robot.description.source} names no hulls; s3le robot new --hulls writes them"
             )
         self._model, _ = reduced(robot.description)
         self._geometry = pin.GeometryModel()
@@ -50,22 +50,35 @@ class HullCheck:
             if not self._model.existFrame(link, pin.FrameType.BODY):
                 raise RobotError(f"{file}: '{link}' is no link of {robot.description.urdf}")
             frame = self._model.frames[self._model.getFrameId(link, pin.FrameType.BODY)]
-            item = pin.GeometryObject(name, frame.parentJoint, frame.placement, _convex(corners))
+            item = pin.GeometryObject(
+                name, frame.parentJoint, frame.placement, _convex(f"{file}: '{name}'", corners)
+            )
             self._geometry.addGeometryObject(item)
             self.links.append(link)
         joints = [item.parentJoint for item in self._geometry.geometryObjects]
-        parents = self._model.parents
+        solid = set(joints)
         self.pairs = [
             (a, b)
             for a in range(len(joints))
             for b in range(a + 1, len(joints))
-            if joints[a] != joints[b]
-            and parents[joints[a]] != joints[b]
-            and parents[joints[b]] != joints[a]
+            if joints[a] != joints[b] and solid & self._between(joints[a], joints[b])
         ]
         for a, b in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(a, b))
         self._data, self._scratch = self._model.createData(), pin.GeometryData(self._geometry)
+
+    def _between(self, a: int, b: int) -> set[int]:
+        """Joints on the way from one to another through the tree, neither included."""
+        up = [self._path(a), self._path(b)]
+        shared = sum(x == y for x, y in zip(*up, strict=False))
+        return {*up[0][shared - 1 :], *up[1][shared - 1 :]} - {a, b}
+
+    def _path(self, joint: int) -> list[int]:
+        path = [joint]
+        while joint > 0:
+            joint = self._model.parents[joint]
+            path.append(joint)
+        return path[::-1]
 
     def check(self, q: np.ndarray) -> Depths:
         """Measure poses (n, n_dof) [rad]."""
@@ -87,7 +100,7 @@ def _arrays(file: Path) -> dict[str, np.ndarray]:
     try:
         if file.stat().st_size > LARGEST:
             raise RobotError(f"{file}: longer than the {LARGEST / 2**20:g} MiB of a file of hulls")
-        with np.load(file, allow_pickle=False) as archive:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, KeyError, EOFError) as error:
         raise RobotError(f"{file}: not readable as hulls ({str(error)[:100]})") from None
@@ -100,8 +113,12 @@ def _arrays(file: Path) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _convex(corners: np.ndarray) -> coal.CollisionGeometry:
+def _convex(where: str, corners: np.ndarray) -> coal.CollisionGeometry:
     points = coal.StdVec_Vec3s()
     for corner in corners:
         points.append(corner)
-    return coal.Convex.convexHull(points, True, "Qt")
+    try:
+        return coal.Convex.convexHull(points, True, "Qt")
+    except (RuntimeError, ValueError) as error:
+        reason = " ".join(str(error).split())[:100]
+        raise RobotError(f"{where}: no hull of its corners can be built ({reason})") from None

@@ -1,4 +1,4 @@
-"""Pairs of links that an SRDF (MoveIt's file of meaning beside a URDF) takes off collision checks."""
+"""Pairs of links that an SRDF (MoveIt's file of meaning beside a URDF) takes off checks."""
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
