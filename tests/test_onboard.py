@@ -1,13 +1,18 @@
 """`s3le robot new`: what it proposes for robots of many kinds, and what it says of broken ones."""
 
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio
 import pytest
 from figures import BOX, dae, figure, joint, link, obj, stl, write
+from typer.testing import CliRunner
 from worlds import MARGIN, people
 
 from s3le import machine
+from s3le.cli.main import app
 from s3le.errors import RobotError
 from s3le.kernels import batch
 from s3le.onboard import propose, source, survey
@@ -327,7 +332,8 @@ REFUSALS = {
     "urdfdom refuses": (figure().replace('velocity="4"', 'velocity="fast"'), {},
                         r"urdfdom or pinocchio refuse it \(.*fast.*correct that element"),
     "two roots": (figure(extra=link("alone")), {}, "urdfdom or pinocchio refuse it"),
-    "xacro": (figure(extra='<xacro:arm xmlns:xacro="http://www.ros.org/wiki/xacro"/>'), {}, "expand it first: xacro"),
+    "xacro": (figure(extra='<xacro:arm xmlns:xacro="http://www.ros.org/wiki/xacro"/>'), {},
+              "expand it first: xacro"),
     "missing mesh": (figure(torso='<mesh filename="no.stl"/>'), {}, "no.stl, which does not exist"),
     "missing package": (figure(torso='<mesh filename="package://p/no.stl"/>'), {},
                         "package 'p' lies with --package-path or ROS_PACKAGE_PATH"),
@@ -356,7 +362,8 @@ def test_what_cannot_be_used_is_refused_in_a_line_that_says_what_to_do(
 
 @pytest.mark.parametrize(
     ("content", "want"),
-    [(b"", "not readable as a mesh|without triangles"), (b"solid a\nendsolid a\n", "triangles|mesh"),
+    [(b"", "not readable as a mesh|without triangles"),
+     (b"solid a\nendsolid a\n", "triangles|mesh"),
      (stl(BOX * 200.0), "beyond 10 m.*millimetres"), (stl(BOX * np.nan), "millimetres|mesh|trian")],
     ids=["empty", "no facet", "millimetres", "nan"],
 )  # fmt: skip
@@ -405,3 +412,123 @@ def test_a_robot_file_that_makes_no_sense_is_refused_in_a_line(plain, change, wa
     assert "\n" not in str(refusal.value)
 
 
+
+
+# --- robots as they are sold
+
+
+PACKAGES = {
+    "jvrc": ("jvrc_description", "urdf/jvrc1.urdf"),
+    "g1": ("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf"),
+    "talos": ("example-robot-data", "talos_data/robots/talos_reduced.urdf"),
+    "romeo": ("example-robot-data", "romeo_description/urdf/romeo.urdf"),
+}
+POINTS = {  # hip, shoulder, elbow, hand of the left side, and the waist
+    "jvrc": ("PELVIS_S", "L_SHOULDER_R", "L_ELBOW_P", "L_WRIST_R", 3),
+    "g1": ("pelvis", "left_shoulder_roll_joint", "left_elbow_joint", "left_wrist_pitch_joint", 3),
+    "talos": ("base_link", "arm_left_3_joint", "arm_left_4_joint", "arm_left_6_joint", 2),
+    "romeo": ("body", "LShoulderYaw", "LElbowYaw", "LWristYaw", 1),
+}
+
+
+def urdf_of(robot: str) -> Path:
+    package, file = PACKAGES[robot]
+    if package == "jvrc_description":
+        home = Path(pytest.importorskip("jvrc_description").__file__).parent
+    else:
+        roots = [Path(p) / "cmeel.prefix/share/example-robot-data/robots" for p in sys.path]
+        home = next((root for root in roots if root.is_dir()), None)
+        if home is None:
+            pytest.skip("example-robot-data is not installed (pip install .[robots])")
+    return home / file
+
+
+@pytest.fixture(scope="module")
+def sold(tmp_path_factory):
+    """Robots of packages, proposed once."""
+    made = {}
+
+    def get(robot: str) -> tuple[propose.Proposal, machine.Machine]:
+        if robot not in made:
+            folder = tmp_path_factory.mktemp(robot)
+            urdf = urdf_of(robot)
+            found = propose.propose(urdf, robot, MARGIN, "midpoint", with_hulls=robot == "jvrc")
+            propose.write(found, folder, force=False)
+            made[robot] = found, machine.make(folder / f"{robot}.yaml", MARGIN, "midpoint")
+        return made[robot]
+
+    return get
+
+
+@pytest.mark.parametrize("robot", PACKAGES)
+def test_a_robot_of_a_package_goes_from_its_urdf_to_an_answer(sold, robot):
+    found, made = sold(robot)
+    hip, shoulder, elbow, hand, waist = POINTS[robot]
+    places = made.robot.description.points
+    named = [places[role].frame for role in ("hip", "l_shoulder", "l_elbow", "l_hand")]
+    assert named == [hip, shoulder, elbow, hand]
+    assert made.robot.n_dof == waist + 8
+    assert made.robot.base_rotation == pytest.approx(np.eye(3), abs=1e-9)
+    through(made, 20)
+
+
+@pytest.mark.parametrize("robot", ["jvrc"])
+def test_every_vertex_of_every_mesh_lies_in_a_capsule_of_its_link(sold, robot):
+    _, made = sold(robot)
+    urdf = str(urdf_of(robot))
+    model = pinocchio.buildModelFromUrdf(urdf)
+    geometry = pinocchio.buildGeomFromUrdf(  # pinocchio's own reading of URDF and meshes
+        model, urdf, pinocchio.GeometryType.COLLISION,
+        package_dirs=[str(urdf_of(robot).parents[2])],
+    )
+    seen = 0
+    full = pinocchio.buildModelFromUrdf(str(made.robot.description.urdf))
+    mine = pinocchio.buildGeomFromUrdf(
+        full, str(made.robot.description.urdf), pinocchio.GeometryType.COLLISION
+    )
+    for item in geometry.geometryObjects:
+        link = model.frames[item.parentFrame].name
+        at = model.frames[item.parentFrame].placement.actInv(item.placement)
+        vertices = np.array(item.geometry.vertices()) @ at.rotation.T + at.translation
+        outside = np.full(len(vertices), np.inf)
+        for body in mine.geometryObjects:
+            if full.frames[body.parentFrame].name == link:
+                own = full.frames[body.parentFrame].placement.actInv(body.placement)
+                along = own.rotation[:, 2] * getattr(body.geometry, "halfLength", 0.0)
+                rel = vertices - (own.translation - along)
+                t = np.clip(rel @ along / max(2 * along @ along, 1e-300), 0, 1)
+                far = np.linalg.norm(rel - 2 * t[:, None] * along, axis=1) - body.geometry.radius
+                outside = np.minimum(outside, far)
+        assert outside.max() <= 1e-9, link  # [m]
+        seen += len(vertices)
+    assert seen > 4000
+
+
+def test_the_survey_of_a_real_robot_says_what_its_capsules_add_and_its_hulls_find(sold):
+    found, made = sold("jvrc")
+    assert all(body.grown >= 1.0 and body.adds > 0.0 for body in found.made)
+    told = "\n".join(survey.lines(made, survey.survey(made, 300), False))
+    for words in ("11 joints", "7 of 7 are followed", "in collision", "by kernels", "by coal",
+                  "hulls of the meshes at"):  # fmt: skip
+        assert words in told
+
+
+def test_the_command_line_proposes_draws_checks_and_refuses(tmp_path):
+    urdf = write(tmp_path, figure())
+    run = CliRunner().invoke
+    words = ["robot", "new", str(urdf), "--name", "fig", "--out", str(tmp_path / "robots")]
+    done = run(app, words)
+    assert done.exit_code == 0, done.output
+    assert "sure: waist:" in done.output and "robot=fig" in done.output
+    assert (tmp_path / "robots" / "fig.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert sorted(p.name for p in (tmp_path / "robots").rglob("*.*")) == [
+        "fig.png", "fig.urdf", "fig.yaml",
+    ]  # fmt: skip
+    again = run(app, words)
+    assert again.exit_code == 2 and "fig.urdf exists; give another --name" in again.output
+    file = tmp_path / "robots" / "fig.yaml"
+    checked = run(app, ["robot", "check", str(file), "--poses", "50"])
+    assert checked.exit_code == 0 and "left_elbow" in checked.output
+    file.write_text(file.read_text().replace("urdf/fig.urdf", "urdf/no.urdf"))
+    broken = run(app, ["robot", "check", str(file)])
+    assert broken.exit_code == 2 and "does not exist below" in broken.output

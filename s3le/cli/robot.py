@@ -75,7 +75,8 @@ def new(
         )  # fmt: skip
         paths = propose.write(made, out, force)
         png = picture or out / f"{made.name}.png"
-        _draw(shell.robot(str(out / f"{made.name}.yaml"), margin), png, [f"look: {line}" for line in made.look])
+        robot = shell.robot(str(out / f"{made.name}.yaml"), margin)
+        _draw(robot, png, [f"look: {line}" for line in made.look])
     for path in [*paths, png]:
         typer.echo(f"wrote {path}")
     for body in made.made:

@@ -136,7 +136,6 @@ def _arm_roots(tree: Tree, source: Source, sure: list[str], look: list[str]) -> 
         j for j in single
         if len(main_chain(tree, j)) >= (3 if tree.resembles_arm(j) > 0 else 4)
         and tree.reach(j) >= 0.3 and tree.resembles_arm(j) >= 0
-        and not any(k in single and len(tree.children[k]) == 1 for k in tree.path(j)[:-1])
     ]  # fmt: skip
     if not single:
         raise RobotError(
