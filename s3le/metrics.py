@@ -63,7 +63,7 @@ def merge(
             "margin_mm": machine.margin * 1e3,
             # What every cosine distance of this tree is a mean over.
             "vectors": len(machine.vectors),
-            "vectors_are": "all" if machine.followed is None else ", ".join(machine.vectors),
+            "vectors_are": "the seven" if machine.followed is None else ", ".join(machine.vectors),
         },
         "clips": counts["skeletons"]["clips"],
         "domain": counts["skeletons"]["domain"],

@@ -129,21 +129,13 @@ def _head(metrics: Mapping[str, Any]) -> list[str]:
 
 
 def _measure(run: Mapping[str, Any]) -> list[str]:
-    count, names = run.get("vectors", 7), run.get("vectors_are", "all")
-    fewer = (
-        f" Here it is the mean over the {count} that the robot has and can turn: {names}. The "
-        "others are the robot's own on both sides."
-        if count != 7
-        else ""
-    )
     return [
         "## The measure",
         "A pose is seen as seven directions: trunk, shoulders, upper arms, forearms. *Cosine "
-        "distance* is the mean over the seven of 1 - cos(angle between the two directions): 0 is "
-        "the same pose, and d is what one gets when every direction is off by acos(1 - d). "
+        f"distance* is the mean over {run.get('vectors_are', 'the seven')} of 1 - cos(angle "
+        "between the two): 0 is the same pose, d is every direction off by acos(1 - d). "
         + "; ".join(f"{d:g} is {_degrees(d)}" for d in (0.01, 0.05, 0.1, 0.2))
-        + "."
-        + fewer,
+        + ".",
     ]
 
 
