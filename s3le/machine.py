@@ -119,6 +119,18 @@ class Machine:
         return " and ".join(self.robot.bodies[body].name for body in self.watched[row])
 
 
+def adopt(robot_file: Path, margin: float, neck: str) -> Machine:
+    """Make a robot that people have described, once its points can be meant as they stand.
+
+    Raises:
+        RobotError: as make, or left and right are swapped, the base is not upright, an elbow does
+            not bend, or no bone turns.
+    """
+    machine = make(robot_file, margin, neck)
+    sense.refuse_nonsense(machine.robot)
+    return machine
+
+
 def make(robot_file: Path, margin: float, neck: str) -> Machine:
     """Read a robot file and settle what every stage needs to know.
 
@@ -133,7 +145,6 @@ def make(robot_file: Path, margin: float, neck: str) -> Machine:
     for bone, length, there in zip(BONES, lengths, _present(robot), strict=True):
         if there and not length > SHORTEST_BONE:
             raise RobotError(f"{robot_file}: its points leave no length for {bone}")
-    sense.refuse_nonsense(robot)
     machine = Machine(robot, tuple(pairs.all_pairs(robot)), margin, neck)
     if hit := pairs.anchor_collision(robot, list(machine.pairs)):
         raise RobotError(

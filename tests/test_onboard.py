@@ -408,7 +408,7 @@ def test_a_robot_file_that_makes_no_sense_is_refused_in_a_line(plain, change, wa
     assert changed != text
     (plain / "changed.yaml").write_text(changed)
     with pytest.raises(RobotError, match=want) as refusal:
-        machine.make(plain / "changed.yaml", MARGIN, "midpoint")
+        machine.adopt(plain / "changed.yaml", MARGIN, "midpoint")
     assert "\n" not in str(refusal.value)
 
 

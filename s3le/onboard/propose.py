@@ -119,7 +119,7 @@ def propose(
         plan.notes = [f"sure: {line}" for line in sure] + [f"look: {line}" for line in look]
         files[f"{name}.yaml"] = plan.text().encode()
         plan.load(Path(folder))
-        machine.make(Path(folder) / f"{name}.yaml", margin, neck)
+        machine.adopt(Path(folder) / f"{name}.yaml", margin, neck)
     (sure if best.how != "search" else look).append(
         f"anchor: {best.how}, {best.clearance * 1e3:.0f} mm clear, "
         f"{best.overlaps} pairs overlap there and are not watched"

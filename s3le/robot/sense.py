@@ -85,7 +85,8 @@ def turning(bones: np.ndarray) -> np.ndarray:
     Args:
         bones: not normalised, (n, k, 3) [m], over many poses.
     """
-    unit = bones / np.linalg.norm(bones, axis=2, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = bones / np.linalg.norm(bones, axis=2, keepdims=True)  # NaN, no length: it turns
     mean = unit.mean(axis=0)
     size = np.linalg.norm(mean, axis=1)
     mean = mean / np.maximum(size, 1e-12)[:, None]
