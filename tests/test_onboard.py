@@ -164,6 +164,27 @@ def test_what_is_there_is_not_overwritten_unless_asked(tmp_path):
     assert mine.read_bytes() == made.files["figure.yaml"]
 
 
+def test_the_urdf_that_is_read_is_never_replaced(tmp_path):
+    urdf = write(tmp_path / "robots" / "urdf", figure())
+    before = urdf.read_bytes()
+    made = propose.propose(urdf, "figure", MARGIN, "midpoint")
+    with pytest.raises(RobotError, match="is the URDF that was read"):
+        propose.write(made, tmp_path / "robots", force=True)
+    assert urdf.read_bytes() == before
+
+
+def test_where_no_named_pose_is_feasible_an_anchor_is_searched(tmp_path):
+    """Arms that reach neither the T-pose nor 40 degrees below it, and hang inside the torso."""
+    text = figure(torso='<box size="0.14 0.44 0.3"/>', legs=False)
+    text = text.replace('lower="-3.0" upper="0.2"', 'lower="-0.25" upper="0.2"')
+    text = text.replace('lower="-0.2" upper="3.0"', 'lower="-0.2" upper="0.25"')
+    made = new(tmp_path, text)
+    assert made.proposal.found.how == "search"
+    assert any(line.startswith("anchor: search") for line in made.proposal.look)
+    made.machine.certifier().require(made.machine.robot.anchor[None], MARGIN)
+    assert pairs.anchor_collision(made.machine.robot, list(made.machine.pairs)) is None
+
+
 def test_a_continuous_joint_gets_limits_and_is_told(tmp_path):
     made = new(tmp_path, figure(elbow_kind="continuous"))
     limits = {j.name: (j.lower, j.upper) for j in made.machine.robot.joints}

@@ -73,8 +73,8 @@ def new(
             urdf, name or urdf.stem, margin, shell.NECK, package_path or (), srdf, spheres,
             capsules, visual, hulls,
         )  # fmt: skip
-        paths = propose.write(made, out, force)
         png = picture or out / f"{made.name}.png"
+        paths = propose.write(made, out, force, also=[png])
         robot = shell.robot(str(out / f"{made.name}.yaml"), margin)
         _draw(robot, png, [f"look: {line}" for line in made.look])
     for path in [*paths, png]:

@@ -29,6 +29,7 @@ class Proposal:
     """What `robot new` found out, and what is to be written."""
 
     name: str
+    urdf: Path  # that was read
     made: list[bodies.Made]
     found: anchor.Found
     sure: list[str]
@@ -124,7 +125,7 @@ def propose(
         f"anchor: {best.how}, {best.clearance * 1e3:.0f} mm clear, "
         f"{best.overlaps} pairs overlap there and are not watched"
     )
-    return Proposal(name, made, best, sure, look, files)
+    return Proposal(name, Path(urdf), made, best, sure, look, files)
 
 
 @contextlib.contextmanager
@@ -137,14 +138,27 @@ def _called(folder: str, name: str, urdf: Path) -> Iterator[None]:
         raise RobotError(said.replace(f"{folder}{os.sep}", "")) from None
 
 
-def write(proposal: Proposal, folder: Path, force: bool) -> list[Path]:
+def write(
+    proposal: Proposal, folder: Path, force: bool, also: Sequence[Path] = ()
+) -> list[Path]:
     """Put the files in place, the robot file last; each appears whole or not at all.
+
+    Args:
+        proposal: what to write.
+        folder: of robot files.
+        force: replace what is there, but never the URDF that was read.
+        also: what is going to be written beside, and must not be there either.
 
     Raises:
         RobotError: one of them is there and force is not given; nothing is written.
     """
     paths = {folder / name: data for name, data in proposal.files.items()}
-    if not force and (there := [path for path in paths if path.exists()]):
+    if any(path.resolve() == proposal.urdf.resolve() for path in paths):
+        raise RobotError(
+            f"{proposal.urdf} is the URDF that was read and would be replaced by what is left of "
+            "it; give another --name or --out"
+        )
+    if not force and (there := [path for path in [*paths, *also] if path.exists()]):
         raise RobotError(f"{there[0]} exists; give another --name, or --force to replace it")
     for path, data in paths.items():
         replace(path, lambda part, data=data: part.write_bytes(data))
