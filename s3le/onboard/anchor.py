@@ -56,6 +56,20 @@ def search(robot: Robot, neck: str) -> Found | None:
     return best[1] if best else None
 
 
+def always(robot: Robot, neck: str) -> list[frozenset[str]]:
+    """Pairs of links that overlap in every pose asked, in an order that is always the same."""
+    pairs = np.array(
+        [(a, b) for a in range(len(robot.bodies)) for b in range(a + 1, len(robot.bodies))
+         if robot.bodies[a].joint != robot.bodies[b].joint]
+    ).reshape(-1, 2)  # fmt: skip
+    apart = batch.pair_distances(chain.build(robot, pairs, neck), sense.poses(robot, 1000))
+    links = [
+        frozenset((robot.bodies[a].link, robot.bodies[b].link))
+        for a, b in pairs[(apart < 0.0).all(axis=0)]
+    ]
+    return [pair for pair in dict.fromkeys(links) if len(pair) == 2]
+
+
 def _judged(robot: Robot, q: np.ndarray, how: str) -> Found | None:
     at = _at(robot, q)
     try:

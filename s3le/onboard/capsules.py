@@ -1,9 +1,9 @@
-"""Small capsules that contain triangles: for a mesh one, or several that share it between them.
+"""Small capsules that contain a mesh: one, or several that share its convex hull between them.
 
 Every vertex given lies in the capsule that is returned, and a capsule is convex, so every triangle
-does. Where a mesh is shared, triangles that cross the plane are cut there and both parts hold the
-cut: then the capsules together hold the whole surface, and what a closed one encloses. The search
-for a small capsule is a heuristic; that it contains is a maximum over the vertices themselves.
+does. Where the hull is shared, its triangles that cross a plane are cut there and both parts hold
+the cut: then the capsules together hold all of the hull. The search for a small capsule is a
+heuristic; that it contains is a maximum over the vertices themselves.
 """
 
 from typing import NamedTuple
@@ -60,10 +60,12 @@ def around(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> Capsule:
 
 
 def share(triangles: np.ndarray, most: int) -> list[Fitted]:
-    """One capsule for the triangles, or up to `most` where that saves volume.
+    """One capsule for the triangles' convex hull, or up to `most` where that saves volume.
 
-    Ways to share are grids along the shape's own axes or the frame's, tried with crude capsules on
-    the hull of the extreme points, which has few triangles; the best one is then made on all.
+    What is shared is the hull, so that capsules hold it too: a check with hulls then finds nothing
+    that they miss. Ways to share are grids along the shape's own axes or the frame's, tried with
+    crude capsules on the hull of the extreme points, which has few triangles; the best one is then
+    made on all.
 
     Args:
         triangles: corners [m], (n, 3, 3).
@@ -75,6 +77,7 @@ def share(triangles: np.ndarray, most: int) -> list[Fitted]:
     outer = extreme(one.points)
     try:
         proxy = outer[ConvexHull(outer).simplices]
+        solid = one.points[ConvexHull(one.points).simplices]
     except (QhullError, ValueError):
         return [one]
     low, high = one.capsule.a, one.capsule.b
@@ -96,7 +99,14 @@ def share(triangles: np.ndarray, most: int) -> list[Fitted]:
                 best, found = inside.sum() / whole + (n - 1) * WORTH, (frame, counts)
     if found is None:
         return [one]
-    return [_fitted(part) for part in _cells(triangles, *found)]
+    parts = [_fitted(part) for part in _cells(solid, *found)]
+    # Every corner is held by name, not only as a point of the hull that was cut.
+    far = [_to_segment(one.points, p.capsule.a, p.capsule.b) - p.capsule.radius for p in parts]
+    nearest = np.argmin(far, axis=0)
+    return [
+        part._replace(points=np.concatenate([part.points, one.points[nearest == k]]))
+        for k, part in enumerate(parts)
+    ]
 
 
 def _grids(most: int) -> list[tuple[int, int, int]]:

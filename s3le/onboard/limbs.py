@@ -82,6 +82,12 @@ def find(source: Source) -> Limbs:
         below = _centre(tree, link, legs) if legs or waist else np.zeros(3)
         if len(arms) == 2:  # first joints stand on the trunk, wherever the arms point
             left = tree.at(roots["l"]) - tree.at(roots["r"])
+            if not np.linalg.norm(left) > 0.02:
+                raise RobotError(
+                    f"{source.path}: the arms at '{tree.name(roots['l'])}' and "
+                    f"'{tree.name(roots['r'])}' begin in one place, so left cannot be told; write "
+                    "the robot file by hand, see docs/robots.md"
+                )
             left = left / np.linalg.norm(left)
             axes = [axis for axis in axes if abs(axis @ left) < 0.1]
             middle = middle - (middle - tree.at(roots["r"])) @ left * left

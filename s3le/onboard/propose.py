@@ -69,8 +69,13 @@ def propose(
     if not re.fullmatch(r"[A-Za-z0-9_.+-]{1,100}", name):
         raise RobotError(f"a robot's name is of letters, digits and _.+-, not {name!r}: --name")
     origin = source.read(urdf, packages, visual)
-    disabled = srdf.disabled(srdf_file) if srdf_file else {}
+    called = origin.renamed
+    disabled = {
+        frozenset(called.get(link, link) for link in pair): why
+        for pair, why in (srdf.disabled(srdf_file) if srdf_file else {}).items()
+    }
     given = bodies.read_spheres(spheres) if spheres else {}
+    given = {called.get(link, link): rows for link, rows in given.items()}
     found = limbs.find(origin)
     sure, look = list(found.sure), [*found.look, *origin.notes]
     tree = Tree(origin.model)
@@ -107,6 +112,16 @@ def propose(
         robot = plan.load(Path(folder))
         sense.refuse_nonsense(robot)
         best = anchor.search(robot, neck)
+        if best is None and (always := anchor.always(robot, neck)):
+            look.append(
+                "these overlap in every pose that was asked, although what lies between them "
+                "does not, and are taken off in the SRDF: "
+                + ", ".join(" and ".join(sorted(pair)) for pair in always)
+            )
+            kept = robot.disabled | dict.fromkeys(always, "Always, by sampling")
+            files[f"urdf/{name}.srdf"] = srdf.text(name, kept).encode()
+            robot = plan.load(Path(folder))
+            best = anchor.search(robot, neck)
         if best is None or best.clearance < margin:
             raise RobotError(
                 f"{urdf}: of {anchor.ASKED} poses none is feasible, so there is no anchor; its "
@@ -233,7 +248,7 @@ def _flow(value: object) -> str:
         return "{" + ", ".join(f"{_word(k)}: {_flow(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(map(_flow, value)) + "]"
-    return repr(round(value, 9)) if isinstance(value, float) else _word(str(value))
+    return repr(value) if isinstance(value, float) else _word(str(value))
 
 
 def _word(text: str) -> str:

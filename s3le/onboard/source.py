@@ -45,6 +45,7 @@ class Source:
     root: ElementTree.Element  # joints and links alone: what the robot file's URDF will hold
     shapes: dict[str, list[Shape]]  # by link
     model: pin.Model
+    renamed: dict[str, str]  # links: the name they have in the URDF -> the one they have here
     notes: list[str] = field(default_factory=list)
 
     def joint(self, name: str) -> ElementTree.Element:
@@ -72,9 +73,15 @@ def read(path: Path, packages: Sequence[Path] = (), visual: bool = False) -> Sou
     tree = urdf.elements(path)
     if any("xacro" in item.tag for item in tree.iter() if isinstance(item.tag, str)):
         raise RobotError(f"{path} holds xacro; expand it first: xacro {path.name} > my.urdf")
+    notes: list[str] = []
+    renamed = _rename(tree)
+    if renamed:
+        notes.append(
+            "links that share a joint's name are renamed in the robot file's URDF: "
+            + ", ".join(f"{old} to {new}" for old, new in renamed.items())
+        )
     root = _bare(tree)
     model = _model(path, root)
-    notes: list[str] = []
     finder = _Finder(path, [Path(folder) for folder in packages])
     shapes: dict[str, list[Shape]] = {}
     lost: list[str] = []
@@ -102,7 +109,7 @@ def read(path: Path, packages: Sequence[Path] = (), visual: bool = False) -> Sou
             f"them: {', '.join(lost[:8])}{' ...' if len(lost) > 8 else ''} (--visual takes their "
             "visual shapes)"
         )
-    return Source(path, root, shapes, model, notes)
+    return Source(path, root, shapes, model, renamed, notes)
 
 
 def text(root: ElementTree.Element) -> str:
@@ -110,6 +117,24 @@ def text(root: ElementTree.Element) -> str:
     root = copy.deepcopy(root)
     ElementTree.indent(root, "  ")
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _rename(tree: ElementTree.Element) -> dict[str, str]:
+    """Give links that are called like a joint another name; pinocchio cannot reduce them."""
+    joints = {joint.get("name") for joint in tree.findall("joint")}
+    links = {link.get("name") for link in tree.findall("link")}
+    renamed = {}
+    for link in tree.findall("link"):
+        old = link.get("name") or ""
+        if old in joints:
+            new = f"{old}_link"
+            while new in joints | links:
+                new += "_"
+            renamed[old] = new
+            link.set("name", new)
+    for end in [*tree.findall("joint/parent"), *tree.findall("joint/child")]:
+        end.set("link", renamed.get(end.get("link") or "", end.get("link") or ""))
+    return renamed
 
 
 def _bare(tree: ElementTree.Element) -> ElementTree.Element:

@@ -83,7 +83,7 @@ class Tree:
 
     def link(self, joint: int) -> str:
         """The link that a joint hangs on."""
-        frame = self.model.frames[self.model.getFrameId(self.name(joint))]
+        frame = self.model.frames[self.model.getFrameId(self.name(joint), pin.FrameType.JOINT)]
         parent = self.model.frames[frame.parentFrame]
         return parent.name
 

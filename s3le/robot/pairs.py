@@ -75,12 +75,12 @@ def all_pairs(robot: Robot) -> list[Pair]:
             clearance = _distance(robot, at_anchor, a, b, 1.0)
             if robot.bodies[a].joint == robot.bodies[b].joint:
                 reason = FIXED
-            elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0:
-                reason = OVERLAP
             elif why := robot.disabled.get(
                 frozenset((robot.bodies[a].link, robot.bodies[b].link))
             ):
                 reason = f"{DISABLED} ({why})"
+            elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0:
+                reason = OVERLAP
             else:
                 reason = WATCHED
             pairs.append(Pair(a, b, kind, reason, clearance))
