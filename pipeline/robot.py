@@ -26,7 +26,7 @@ class Params:
 def main() -> None:
     """Check the robot, decide which pairs of bodies are watched, write it all to one folder."""
     params = read(Params)
-    made = machine.make(ROBOTS / f"{params.robot}.yaml", params.margin, params.neck)
+    made = machine.adopt(ROBOTS / f"{params.robot}.yaml", params.margin, params.neck)
     machine.write(made, OUT)
     for reason, count in sorted(Counter(pair.reason for pair in made.pairs).items()):
         say(f"{count:4d} pairs of bodies: {reason}")

@@ -7,12 +7,13 @@ from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
 from s3le import motion, rng, store
-from s3le.skeleton import NECKS
+from s3le.skeleton import NECKS, fixed_in, with_fixed
 from s3le.tables.mocap_domain import MOCAP_DOMAIN
 from s3le.tables.mocap_points import MOCAP_POINTS
 from s3le.tables.skeletons import SKELETONS
 
 POINTS = Path("data/mocap_points.parquet")
+ROBOT_BONES = Path("data/robot/bones.json")
 OUT = Path("data/skeletons.parquet")
 OUT_DOMAIN = Path("data/mocap_domain.parquet")
 COUNTS = Path("data/counts/skeletons.json")
@@ -45,6 +46,9 @@ def main() -> None:
         params.noise,
         rng.stream(params.seed, Params.section),
     )
+    fixed = fixed_in(store.read_json(ROBOT_BONES, "robot"), ROBOT_BONES)
+    frames = frames._replace(x=with_fixed(frames.x, fixed))
+    domain["x"] = with_fixed(domain["x"], fixed)
     store.write(frames._asdict(), SKELETONS, OUT)
     store.write(domain, MOCAP_DOMAIN, OUT_DOMAIN)
     store.write_json({"clips": counts, "domain": kinds}, COUNTS)

@@ -130,7 +130,7 @@ def judge(
     else:
         report = checker.check(q, progress)
     x = batch.skeletons(machine.chain, q)
-    scored = score(x, truth["x"], frames["x"])
+    scored = score(x, truth["x"], frames["x"], machine.followed)
     split = frames["split"]
     columns = {
         "method": np.full(len(q), name),

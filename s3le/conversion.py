@@ -148,6 +148,7 @@ def convert(
         S3leError: whatever the retargeter refuses.
     """
     machine = follower.machine
+    frames = frames._replace(x=machine.seen(frames.x))
     made = follow(follower, frames, look_ahead, lead_in, progress)
     shape = (len(made.time), machine.robot.n_dof)
     if made.q.shape != shape or made.mode.shape != shape[:1]:
@@ -220,8 +221,12 @@ def summarise(
             "corners_kept_as_rows": rows.kept,
         },
         "to_human": {
-            **_spread(cosine_distance(x, frames.x)),
-            "bones": dict(zip(BONES, bones.mean(axis=0).tolist(), strict=True)),
+            **_spread(cosine_distance(x, frames.x, machine.followed)),
+            "bones": {
+                bone: mean
+                for bone, mean in zip(BONES, bones.mean(axis=0).tolist(), strict=True)
+                if bone in machine.vectors
+            },
         },
         "clearance_m": {"least": report.least, "mean": float(report.clearance.mean())},
         "speed_rad_s": {
@@ -286,5 +291,6 @@ def _to_optimum(
 
     best, to_human = ground_truth(machine, frames.x, starts, 1e-4, rng.stream(0, "optimum"))
     x = batch.skeletons(machine.chain, made.q[made.clip_from :])
-    distance = cosine_distance(x, batch.skeletons(machine.chain, best))
+    best_x = batch.skeletons(machine.chain, best)
+    distance = cosine_distance(x, best_x, machine.followed)
     return {**_spread(distance), "optimum_to_human": float(to_human.mean())}

@@ -30,7 +30,12 @@ class Pool(NamedTuple):
     how: np.ndarray  # uint8 (n,), kernels.batch codes
 
 
-def distances(x: np.ndarray, humans: np.ndarray, progress: Progress | None = None) -> np.ndarray:
+def distances(
+    x: np.ndarray,
+    humans: np.ndarray,
+    progress: Progress | None = None,
+    bones: np.ndarray | None = None,
+) -> np.ndarray:
     """Mean cosine distance of the nearest stored pose to each human skeleton.
 
     Bones are unit vectors, so |a - b|^2 = 14 times the mean cosine distance (seven bones, twice
@@ -41,6 +46,7 @@ def distances(x: np.ndarray, humans: np.ndarray, progress: Progress | None = Non
         x: stored skeletons, (n, 21), bones of unit length.
         humans: skeletons to come near to, (m, 21), bones of unit length.
         progress: called with numbers of skeletons done.
+        bones: which of the seven count (Machine.followed), the others equal everywhere.
 
     Returns:
         Distance [-], (m,), in [0, 2].
@@ -61,7 +67,7 @@ def distances(x: np.ndarray, humans: np.ndarray, progress: Progress | None = Non
                 f"bones must have unit length, {what} skeleton {int(np.argmax(bad))} has not"
             )
     row, _ = look_up(x, humans, "l2", progress)
-    return cosine_distance(x[row], humans)
+    return cosine_distance(x[row], humans, bones)
 
 
 def summary(found: np.ndarray) -> dict[str, float]:
@@ -101,9 +107,14 @@ def draw_pool(
     return Pool(projected.q, batch.skeletons(machine.chain, projected.q), projected.how)
 
 
-def measure(x: np.ndarray, humans: Mapping[str, np.ndarray]) -> list[dict]:
+def measure(
+    x: np.ndarray, humans: Mapping[str, np.ndarray], bones: np.ndarray | None = None
+) -> list[dict]:
     """Split, mean and p90 of the distances of each split's people to the stored skeletons x."""
-    return [{"split": split} | summary(distances(x, seen)) for split, seen in humans.items()]
+    return [
+        {"split": split} | summary(distances(x, seen, bones=bones))
+        for split, seen in humans.items()
+    ]
 
 
 def how_drawn(how: np.ndarray) -> dict[str, float]:
@@ -160,7 +171,7 @@ def compare(
         for size in sizes:
             about = {"sampler": name, "rows": size, "seed": seed} | how_drawn(pool.how[:size])
             x = np.concatenate([pool.x[:size], extra])
-            found += [about | row for row in measure(x, humans)]
+            found += [about | row for row in measure(x, humans, machine.followed)]
     return found
 
 
@@ -199,9 +210,9 @@ def table(
     for name in samplers.SAMPLERS:
         pool = draw_pool(machine, name, rows, alpha, seed, progress)
         for k, x in ((0, pool.x), (len(pairs), np.concatenate([pool.x, pairs]))):
-            for row in measure(x, humans):
+            for row in measure(x, humans, machine.followed):
                 about = {"sampler": name, "rows": rows, "seed": seed} | how_drawn(pool.how)
                 found.append(row | about | {"pairs": k})
-    found += [row | none | {"sampler": "none"} for row in measure(pairs, humans)]
+    found += [row | none | {"sampler": "none"} for row in measure(pairs, humans, machine.followed)]
     order = ("split", "sampler", "rows", "pairs", "seed", "mean", "p90", "feasible", "fallback")
     return [{name: row[name] for name in order} for row in found]

@@ -40,9 +40,14 @@ class Between(NamedTuple):
     margin: float  # [m], that `unproven` asks for
 
 
-def score(x: np.ndarray, truth: np.ndarray, human: np.ndarray) -> Scored:
-    """Distances of the returned skeletons x to truth and human, all (n, 21)."""
-    return Scored(cosine_distance(x, truth), cosine_distance(x, human))
+def score(
+    x: np.ndarray, truth: np.ndarray, human: np.ndarray, bones: np.ndarray | None = None
+) -> Scored:
+    """Distances of the returned skeletons x to truth and human, all (n, 21).
+
+    Bones, bool (7,), are those that count; None: all.
+    """
+    return Scored(cosine_distance(x, truth, bones), cosine_distance(x, human, bones))
 
 
 def between(

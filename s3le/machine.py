@@ -18,13 +18,22 @@ from s3le import store
 from s3le.errors import RobotError
 from s3le.files import replace
 from s3le.kernels import chain
-from s3le.robot import pairs
+from s3le.robot import pairs, sense
 from s3le.robot.certificate import Certifier, point_positions
 from s3le.robot.model import Robot, load
-from s3le.skeleton import BONES, NECKS, POINTS, SHORTEST_BONE, bone_vectors
+from s3le.skeleton import (
+    ABSENT,
+    BONES,
+    NECKS,
+    POINTS,
+    SHORTEST_BONE,
+    bone_vectors,
+    with_fixed,
+)
 from s3le.tables.robot_pairs import ROBOT_PAIRS
 
 ROBOT_FILE, SETTINGS, PAIRS = "robot.yaml", "settings.json", "pairs.parquet"
+BONES_FILE = "bones.json"
 
 
 @dataclass(frozen=True)
@@ -45,6 +54,47 @@ class Machine:
     def chain(self) -> chain.Chain:
         """The robot as flat arrays for the kernels."""
         return chain.build(self.robot, self.watched, self.neck)
+
+    @cached_property
+    def followed(self) -> np.ndarray | None:
+        """Which of the seven bones the robot has and can turn, bool (7,); None: all of them."""
+        bones = bones_of(self.robot, sense.points(self.robot, sense.poses(self.robot)), self.neck)
+        present = _present(self.robot)
+        found = present.copy()
+        found[present] = sense.turning(bones[:, present])
+        if not found.any():
+            raise RobotError(
+                f"{self.robot.description.source}: its joints turn none of the bones; look at "
+                "points and joints"
+            )
+        return None if found.all() else found
+
+    @cached_property
+    def vectors(self) -> tuple[str, ...]:
+        """Names of the bones that are followed, and that distances are means over."""
+        kept = np.ones(len(BONES), bool) if self.followed is None else self.followed
+        return tuple(bone for bone, good in zip(BONES, kept, strict=True) if good)
+
+    def seen(self, x: np.ndarray) -> np.ndarray:
+        """Human skeletons as this robot sees them: bones it cannot follow are replaced by its own.
+
+        Args:
+            x: skeletons, (..., 21); as they are for a robot with all seven.
+        """
+        return with_fixed(x, self.fixed)
+
+    @cached_property
+    def fixed(self) -> dict[str, list[float]]:
+        """Bones that are not followed -> their direction at the anchor, a unit vector."""
+        if self.followed is None:
+            return {}
+        at = sense.points(self.robot, self.robot.anchor[None])
+        bones = bones_of(self.robot, at, self.neck)[0]
+        found = {}
+        for b in np.flatnonzero(~self.followed):
+            bone = bones[b] if _present(self.robot)[b] else np.array(ABSENT[BONES[b]])
+            found[BONES[b]] = (bone / np.linalg.norm(bone)).tolist()
+        return found
 
     @property
     def tag(self) -> str:
@@ -69,6 +119,18 @@ class Machine:
         return " and ".join(self.robot.bodies[body].name for body in self.watched[row])
 
 
+def adopt(robot_file: Path, margin: float, neck: str) -> Machine:
+    """Make a robot that people have described, once its points can be meant as they stand.
+
+    Raises:
+        RobotError: as make, or left and right are swapped, the base is not upright, an elbow does
+            not bend, or no bone turns.
+    """
+    machine = make(robot_file, margin, neck)
+    sense.refuse_nonsense(machine.robot)
+    return machine
+
+
 def make(robot_file: Path, margin: float, neck: str) -> Machine:
     """Read a robot file and settle what every stage needs to know.
 
@@ -78,10 +140,10 @@ def make(robot_file: Path, margin: float, neck: str) -> Machine:
     robot = load(robot_file)
     if neck not in NECKS:
         raise RobotError(f"neck must be one of {', '.join(NECKS)}, got {neck!r}")
-    at = dict(zip(robot.points, point_positions(robot, robot.anchor), strict=True))
-    bones = bone_vectors(np.array([[at.get(role, at["hip"]) for role in POINTS]]), neck)[0]
-    for bone, length in zip(BONES, np.linalg.norm(bones, axis=1), strict=True):
-        if not length > SHORTEST_BONE:
+    at = dict(zip(robot.points, point_positions(robot, robot.anchor)[:, None], strict=True))
+    lengths = np.linalg.norm(bones_of(robot, at, neck)[0], axis=1)
+    for bone, length, there in zip(BONES, lengths, _present(robot), strict=True):
+        if there and not length > SHORTEST_BONE:
             raise RobotError(f"{robot_file}: its points leave no length for {bone}")
     machine = Machine(robot, tuple(pairs.all_pairs(robot)), margin, neck)
     if hit := pairs.anchor_collision(robot, list(machine.pairs)):
@@ -100,17 +162,39 @@ def make(robot_file: Path, margin: float, neck: str) -> Machine:
     return machine
 
 
+def _present(robot: Robot) -> np.ndarray:
+    """Which of the seven bones the robot has, bool (7,)."""
+    def there(bone: str) -> bool:
+        return bone not in ABSENT or any(
+            bone.startswith((f"{side}_", f"neck_to_{side}_")) for side in robot.arms
+        )
+
+    return np.array([there(bone) for bone in BONES])
+
+
+def bones_of(robot: Robot, at: dict[str, np.ndarray], neck: str) -> np.ndarray:
+    """Bones of poses, (n, 7, 3) [m], from points by role (n, 3); a robot of one arm has a neck."""
+    points = np.stack([at.get(role, at["hip"]) for role in POINTS], axis=1)
+    return bone_vectors(points, neck if len(robot.arms) == 2 else "joint")
+
+
 def write(machine: Machine, folder: Path) -> None:
     """Write the folder that `read` takes: robot file, URDF, settings and the list of pairs."""
     folder.mkdir(parents=True, exist_ok=True)
     description = machine.robot.description
-    source = description.source.read_text(encoding="utf-8")
-    local = source.replace(description.urdf_name, description.urdf.name)
-    replace(
-        folder / description.urdf.name, lambda part: shutil.copyfile(description.urdf, part)
-    )
+    local = description.source.read_text(encoding="utf-8")
+    for name, file in (
+        (description.urdf_name, description.urdf),
+        (description.srdf_name, description.srdf),
+        (description.hulls_name, description.hulls),
+    ):
+        if file is not None:
+            local = local.replace(name, file.name)
+            replace(folder / file.name, lambda part, file=file: shutil.copyfile(file, part))
     store.write_text(local, folder / ROBOT_FILE)
-    store.write_json({"margin": machine.margin, "neck": machine.neck}, folder / SETTINGS)
+    settings = {"margin": machine.margin, "neck": machine.neck}
+    store.write_json(settings, folder / SETTINGS)
+    store.write_json({"fixed": machine.fixed}, folder / BONES_FILE)
     bodies = machine.robot.bodies
     rows = [
         (
@@ -133,7 +217,9 @@ def carried(folder: Path) -> tuple[tuple[str, bytes], ...]:
     Raises:
         RobotError: a file is missing.
     """
-    names = [SETTINGS, ROBOT_FILE, *sorted(p.name for p in Path(folder).glob("*.urdf"))]
+    kinds = ("*.urdf", "*.srdf", "*.hulls.npz")
+    pieces = [p.name for kind in kinds for p in Path(folder).glob(kind)]
+    names = [SETTINGS, ROBOT_FILE, *sorted(pieces)]
     try:
         return tuple((name, (Path(folder) / name).read_bytes()) for name in names)
     except OSError as error:

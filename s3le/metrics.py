@@ -61,6 +61,9 @@ def merge(
             "n_dof": machine.robot.n_dof,
             "pairs_watched": len(machine.watched),
             "margin_mm": machine.margin * 1e3,
+            # What every cosine distance of this tree is a mean over.
+            "vectors": len(machine.vectors),
+            "vectors_are": "the seven" if machine.followed is None else ", ".join(machine.vectors),
         },
         "clips": counts["skeletons"]["clips"],
         "domain": counts["skeletons"]["domain"],

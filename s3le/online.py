@@ -112,12 +112,12 @@ def _looked_up(
     _refined(Retargeter(retargeter.machine, recorder, retargeter.settings), x, times)
     # What was asked has been through the filter, so that there is none the second time.
     settings = replace(retargeter.settings, cutoff=0.0, delay=False)
-    given, chain = _Given(), retargeter.machine.chain
-    stream = Retargeter(retargeter.machine, given, settings).start()
+    machine, given = retargeter.machine, _Given()
+    stream = Retargeter(machine, given, settings).start()
     rows = []
     for asked, found, dt in zip(recorder.asked, recorder.found, _steps(times), strict=True):
-        shown = batch.skeletons(chain, found)  # (k, 21)
-        nearest = int(np.argmin(cosine_distance(shown, asked[None])))
+        shown = batch.skeletons(machine.chain, found)  # (k, 21)
+        nearest = int(np.argmin(cosine_distance(shown, asked[None], machine.followed)))
         given.q = found[nearest]
         rows.append(stream.step(shown[nearest], dt))
     return np.array([row.q for row in rows]), _words(rows)

@@ -44,7 +44,7 @@ def relaxed_poses(
         progress,
     )
     q = nearest_turn(found.q, machine.robot.lower, machine.robot.upper)
-    return q, cosine_distance(batch.skeletons(machine.chain, q), x)
+    return q, cosine_distance(batch.skeletons(machine.chain, q), x, machine.followed)
 
 
 def nearest_turn(q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -92,4 +92,4 @@ def ground_truth(
     )
     # A start is feasible itself, so a frame that no solve improved keeps its projected pose.
     q = np.where(found.feasible[:, None], found.q, first)
-    return q, cosine_distance(batch.skeletons(machine.chain, q), x)
+    return q, cosine_distance(batch.skeletons(machine.chain, q), x, machine.followed)

@@ -125,7 +125,7 @@ def draw(
 def limbs(machine: Machine) -> Limbs:
     """Sort the joints by which hand they move."""
     chain = machine.chain
-    moves = dict(zip(skeleton.POINTS, chain.moves[chain.point_frame], strict=True))
+    moves = dict(zip(skeleton.POINTS, chain.moves[chain.point_frame], strict=False))
     right, left = moves["r_hand"], moves["l_hand"]
     return Limbs(right & ~left, left & ~right, right & left, ~right & ~left)
 

@@ -4,9 +4,11 @@ Frame: x forward, y left, z up. Ten points describe an upper body; seven directi
 them are all that the method ever sees, so body size and proportions do not matter.
 """
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from s3le.errors import ParameterError
+from s3le.errors import ParameterError, RobotError
 
 POINTS = (
     "hip",
@@ -30,6 +32,16 @@ BONES = (
     "l_elbow_to_hand",
 )
 DIM = 3 * len(BONES)  # x lives in R^21
+# What stands for the bones of an arm that a robot lacks, in its x and in what it sees of people.
+ABSENT = {
+    f"{name}{s}{rest}": way
+    for s, y in (("r", -1.0), ("l", 1.0))
+    for name, rest, way in (
+        ("neck_to_", "_shoulder", (0.0, y, 0.0)),
+        ("", "_shoulder_to_elbow", (0.0, 0.0, -1.0)),
+        ("", "_elbow_to_hand", (0.0, 0.0, -1.0)),
+    )
+}
 
 NECKS = ("midpoint", "joint")  # where the neck is: between the shoulders, or the file's own joint
 
@@ -124,13 +136,48 @@ def mirror(x: np.ndarray) -> np.ndarray:
     return (x.reshape(len(x), len(BONES), 3)[:, _MIRRORED_BONE] * _FLIP_Y).reshape(len(x), DIM)
 
 
-def cosine_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Mean over the seven bones of 1 - cos(angle between a's and b's bone), in [0, 2].
+def fixed_in(tree: Mapping, where: object) -> dict[str, list[float]]:
+    """What a robot's folder notes of bones that it cannot turn: bone -> unit vector.
+
+    Raises:
+        RobotError: it is damaged.
+    """
+    fixed = tree.get("fixed")
+    good = isinstance(fixed, dict) and all(
+        bone in BONES and np.shape(way) == (3,) and abs(np.linalg.norm(way) - 1.0) < 1e-9
+        for bone, way in fixed.items()
+    )
+    if not good:
+        raise RobotError(f"{where}: damaged; write it with: dvc repro robot")
+    return fixed
+
+
+def with_fixed(x: np.ndarray, fixed: Mapping[str, Sequence[float]]) -> np.ndarray:
+    """Skeletons in which some bones are replaced, as a robot that cannot turn them sees people.
+
+    Args:
+        x: (..., 21).
+        fixed: bone -> unit vector (3,); empty: x is returned as it is.
+    """
+    if not fixed:
+        return x
+    out = np.array(x, float)
+    for bone, way in fixed.items():
+        first = 3 * BONES.index(bone)
+        out[..., first : first + 3] = way
+    return out
+
+
+def cosine_distance(
+    a: np.ndarray, b: np.ndarray, bones: np.ndarray | None = None
+) -> np.ndarray:
+    """Mean over the bones of 1 - cos(angle between a's and b's bone), in [0, 2].
 
     The paper's measure of accuracy (Sec. V-C). Vectors need not be normalised.
 
     Args:
         a, b: features, shapes broadcastable to (n, 21).
+        bones: which of the seven count, bool (7,), at least one; None: all.
 
     Returns:
         Distance [-], shape (n,); NaN where an input is not finite or a bone has no length.
@@ -141,4 +188,5 @@ def cosine_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         # Half the squared chord of the unit vectors: 1 - cos without its cancellation near 0.
         u = a / np.linalg.norm(a, axis=-1, keepdims=True)
         v = b / np.linalg.norm(b, axis=-1, keepdims=True)
-        return 0.5 * np.sum((u - v) ** 2, axis=-1).mean(axis=-1)
+        each = 0.5 * np.sum((u - v) ** 2, axis=-1)
+        return each.mean(axis=-1) if bones is None else each[..., bones].mean(axis=-1)

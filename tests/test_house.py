@@ -20,8 +20,9 @@ PARAMS = YAML(typ="safe").load(ROOT / "params.yaml")
 FILES = sorted((ROOT / "s3le").rglob("*.py"))
 STAGE_MAY_IMPORT = {"collections", "dataclasses", "math", "pathlib", "typing", "s3le", "pipeline"}
 ROOM_OF = {  # a heavy dependency lives in one room
-    "pinocchio": ("s3le/robot/",),
-    "coal": ("s3le/robot/",),
+    "pinocchio": ("s3le/robot/", "s3le/onboard/"),
+    "coal": ("s3le/robot/", "s3le/onboard/"),
+    "scipy": ("s3le/onboard/",),
     "numba": ("s3le/kernels/",),
     "torch": (
         "s3le/gpu/",
@@ -45,7 +46,8 @@ ROOM_OF = {  # a heavy dependency lives in one room
 }
 # What each room must not reach, even through others: the arrows of the house.
 APART = [
-    ("s3le/robot/", {"torch", "numba", "polars", "matplotlib"}),
+    ("s3le/robot/", {"torch", "numba", "polars", "matplotlib", "scipy"}),
+    ("s3le/onboard/", {"torch", "matplotlib"}),
     ("s3le/kernels/", {"torch", "polars", "matplotlib"}),
     ("s3le/gpu/", {"polars", "pyarrow", "matplotlib", "safetensors"}),
     ("s3le/mocap/", {"torch", "numba", "pinocchio", "coal", "polars", "matplotlib"}),

@@ -299,3 +299,25 @@ def test_a_temporary_experiment_keeps_its_shards_in_the_project(clean):
     new = set((clean / "data" / "shards").iterdir()) - before
     assert [path.name.split("-")[0] for path in new] == ["kinematic_pairs"]
     assert '"alpha": 0.7' in (new.pop() / "about.json").read_text()
+
+
+def test_another_robot_goes_from_its_urdf_through_the_whole_pipeline(clean):
+    home = Path(pytest.importorskip("jvrc_description").__file__).parent
+    s3le = (sys.executable, "-m", "s3le.cli")
+    good(clean, *s3le, "robot", "new", str(home / "urdf" / "jvrc1.urdf"), "--name", "jvrc")
+    try:
+        output = good(clean, "dvc", "exp", "run", "-S", "robot=jvrc")
+        assert {"robot", "pair", "sample", "truth", "evaluate@s3le", "report"} <= ran(output)
+        assert "clips" not in ran(output) and "skeletons" not in ran(output)
+        metrics = json.loads((clean / "reports/metrics.json").read_text())
+        assert metrics["run"]["robot"] == "jvrc" and metrics["run"]["vectors"] == 7
+        for part in metrics["splits"].values():
+            assert part["methods"]["s3le"]["collision_rate"] == 0.0
+            assert part["methods"]["s3le"]["limit_rate"] == 0.0
+        swing(clean / "wave.txt", 0.3, 12)
+        good(clean, *s3le, "retarget", "wave.txt", "--out", "motions")
+        assert "CERTIFIED" in good(clean, *s3le, "audit", "motions/wave.parquet")
+    finally:
+        shutil.rmtree(clean / "motions", ignore_errors=True)
+        for left in [clean / "wave.txt", *(clean / "data/robots").rglob("jvrc*")]:
+            left.unlink(missing_ok=True)

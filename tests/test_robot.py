@@ -349,7 +349,8 @@ SHOULDER = 'r_shoulder" type="'
 URDF_REFUSALS = {
     "continuous joint": (
         [(SHOULDER + "revolute", SHOULDER + "continuous")],
-        "arms.urdf: joint 'r_shoulder' is JointModelRUBX; only revolute joints move",
+        "arms.urdf: joint 'r_shoulder' is continuous; only joints with limits move: make it "
+        'revolute with lower and upper, as "s3le robot new" does',
     ),
     "prismatic joint": (
         [(SHOULDER + "revolute", SHOULDER + "prismatic")],
@@ -361,7 +362,8 @@ URDF_REFUSALS = {
     ),
     "reversed limits": (
         [('lower="-3" upper="3"', 'lower="3" upper="-3"')],
-        "arms.urdf: joint 'r_shoulder' needs lower < upper in [-100, 100] rad, got 3.0 and -3.0",
+        "arms.urdf: joint 'r_shoulder' needs lower < upper in [-100, 100] rad, got 3.0 and -3.0; "
+        "they are reversed",
     ),
     "axis without direction": (
         [('axis xyz="1 0 0"', 'axis xyz="0 0 0"')],
@@ -541,7 +543,8 @@ def test_a_robot_without_collision_geometry_is_refused(tmp_path):
     with pytest.raises(RobotError) as refusal:
         model.load(write_arms(tmp_path, urdf=bare))
     assert words(refusal.value, tmp_path) == (
-        "arms.urdf: no collision geometry, so nothing could be checked"
+        "arms.urdf: no collision geometry, so nothing could be checked; s3le robot new puts "
+        "capsules around meshes"
     )
 
 

@@ -2,7 +2,7 @@
 
 import typer
 
-from s3le.cli import audit, render, retarget, stream, view
+from s3le.cli import audit, render, retarget, robot, stream, view
 from s3le.cli.shell import guarded
 
 app = typer.Typer(
@@ -19,6 +19,7 @@ app.command("audit", short_help="Check any trajectory, pose by pose and between.
 app.command("view", short_help="Look at motions in a browser.")(view.view)
 app.command("render", short_help="Motions as a strip of pictures or a film.")(render.render)
 app.command("stream", short_help="A live human in, a certified robot out.")(stream.stream)
+app.add_typer(robot.app, name="robot", short_help="A robot file from a URDF, and its check.")
 
 
 def run() -> None:

@@ -84,11 +84,11 @@ def robot(given: str | None, margin: float | None = None) -> "Machine":
         if (folder / machine.SETTINGS).is_file():
             return machine.read(folder)
     if path.suffix in (".yaml", ".yml"):
-        return machine.make(path, least, NECK)
+        return machine.adopt(path, least, NECK)
     own = Path(__file__).parents[2] / _ROBOTS
     for folder in (_ROBOTS, own):
         if (folder / f"{given}.yaml").is_file():
-            return machine.make(folder / f"{given}.yaml", least, NECK)
+            return machine.adopt(folder / f"{given}.yaml", least, NECK)
     known = sorted({p.stem for folder in (_ROBOTS, own) for p in folder.glob("*.yaml")})
     raise RobotError(
         f"there is no robot '{given}': give a folder with {machine.SETTINGS}, a robot file "

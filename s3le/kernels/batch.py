@@ -12,10 +12,11 @@ import numpy as np
 from s3le.errors import ParameterError
 from s3le.kernels.chain import Chain
 from s3le.kernels.compiled import compiled
-from s3le.kernels.distance import place_capsules, reach
+from s3le.kernels.distance import nearest_on_segments, place_capsules, reach
 from s3le.kernels.kinematics import bones, place
 from s3le.kernels.solver import blend, clearance_of, minimise, restore
 from s3le.kernels.threads import workers
+from s3le.skeleton import POINTS
 
 Progress = Callable[[int], object]
 CHUNK = 256  # rows a worker takes at a time
@@ -51,7 +52,7 @@ def points(chain: Chain, q: np.ndarray) -> np.ndarray:
     q = _poses(chain, q)
     at = np.empty((len(q), len(chain.point), 3))
     _points(chain, q, at)
-    return at
+    return at[:, : len(POINTS)]
 
 
 def capsule_ends(chain: Chain, q: np.ndarray) -> np.ndarray:
@@ -68,6 +69,14 @@ def clearances(chain: Chain, q: np.ndarray, progress: Progress | None = None) ->
     out = np.empty(len(q))
     balls = reach(chain)
     _spread(lambda rows: _clearances(chain, balls, q[rows], out[rows]), len(q), progress)
+    return out
+
+
+def pair_distances(chain: Chain, q: np.ndarray) -> np.ndarray:
+    """Signed distance of every watched pair at each pose [m], (n, pairs)."""
+    q = _poses(chain, q)
+    out = np.empty((len(q), len(chain.pair)))
+    _spread(lambda rows: _pair_distances(chain, q[rows], out[rows]), len(q), None)
     return out
 
 
@@ -228,6 +237,23 @@ def _capsule_ends(chain, q, out):
 def _clearances(chain, balls, q, out):
     for row in range(len(q)):
         out[row] = clearance_of(chain, balls, q[row])
+
+
+@compiled
+def _pair_distances(chain, q, out):
+    n = q.shape[1]
+    R = np.empty((n + 1, 3, 3))
+    p = np.empty((n + 1, 3))
+    z = np.empty((n, 3))
+    ends = np.empty((len(chain.body_frame), 3, 3))
+    witness = np.empty((2, 3))
+    for row in range(len(q)):
+        place(chain, q[row], R, p, z)
+        place_capsules(chain, R, p, ends)
+        for k in range(len(chain.pair)):
+            a, b = chain.pair[k, 0], chain.pair[k, 1]
+            gap = nearest_on_segments(ends[a], ends[b], witness)
+            out[row, k] = gap - chain.body_radius[a] - chain.body_radius[b]
 
 
 @compiled

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.robot.model import Robot
-from s3le.skeleton import POINTS
+from s3le.skeleton import ABSENT, BONES, POINTS
 
 
 class Chain(NamedTuple):
@@ -21,8 +21,8 @@ class Chain(NamedTuple):
     base: np.ndarray  # (3, 3): base frame -> x forward, y left, z up
     tail: np.ndarray  # (7, 2): the two points whose mean a bone starts at
     head: np.ndarray  # (7, 2): the two points whose mean a bone ends at
-    point_frame: np.ndarray  # int64 (10,), ordered as skeleton.POINTS
-    point: np.ndarray  # [m], (10, 3), in that frame
+    point_frame: np.ndarray  # int64 (10 + k,), ordered as skeleton.POINTS; then what stands for
+    point: np.ndarray  # [m], (10 + k, 3), in that frame; bones that the robot lacks
     body_frame: np.ndarray  # int64 (b,)
     body_a: np.ndarray  # [m], (b, 3), capsule ends in the body's frame
     body_b: np.ndarray  # [m], (b, 3)
@@ -46,10 +46,18 @@ def build(robot: Robot, watched: np.ndarray, neck: str) -> Chain:
     roles = [role if role in robot.points else "hip" for role in POINTS]
     at = {role: i for i, role in enumerate(POINTS)}
     between = {role: (at[role], at[role]) for role in POINTS}
-    if neck == "midpoint":
+    if neck == "midpoint" and len(robot.arms) == 2:
         between["neck"] = (at["r_shoulder"], at["l_shoulder"])
     tails = ("hip", "neck", "r_shoulder", "r_elbow", "neck", "l_shoulder", "l_elbow")
     heads = ("neck", "r_shoulder", "r_elbow", "r_hand", "l_shoulder", "l_elbow", "l_hand")
+    frames = [robot.points[role].joint + 1 for role in roles]
+    places = [robot.points[role].offset for role in roles]
+    tail, head = [between[role] for role in tails], [between[role] for role in heads]
+    for b, bone in enumerate(BONES):
+        if heads[b] not in robot.points:  # two points of the base, a constant direction apart
+            frames += [0, 0]
+            places += [np.zeros(3), robot.base_rotation.T @ ABSENT[bone]]
+            tail[b], head[b] = (len(frames) - 2,) * 2, (len(frames) - 1,) * 2
     return Chain(
         parent=np.array([joint.parent + 1 for joint in robot.joints], np.int64),
         rotation=np.array([joint.rotation for joint in robot.joints]),
@@ -59,10 +67,10 @@ def build(robot: Robot, watched: np.ndarray, neck: str) -> Chain:
         lower=robot.lower,
         upper=robot.upper,
         base=np.ascontiguousarray(robot.base_rotation),
-        tail=np.array([between[role] for role in tails], np.int64),
-        head=np.array([between[role] for role in heads], np.int64),
-        point_frame=np.array([robot.points[role].joint + 1 for role in roles], np.int64),
-        point=np.array([robot.points[role].offset for role in roles]),
+        tail=np.array(tail, np.int64),
+        head=np.array(head, np.int64),
+        point_frame=np.array(frames, np.int64),
+        point=np.array(places),
         body_frame=np.array([body.joint + 1 for body in robot.bodies], np.int64),
         body_a=np.array([body.a for body in robot.bodies]),
         body_b=np.array([body.b for body in robot.bodies]),

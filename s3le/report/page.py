@@ -88,7 +88,7 @@ def markdown(
     """
     parts = [
         *_head(metrics),
-        *_measure(),
+        *_measure(cells.at(metrics, "run")),
         *_splits(cells.at(metrics, "splits")),
         *_pictures(figures),
         *_guarantees(metrics),
@@ -128,12 +128,13 @@ def _head(metrics: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _measure() -> list[str]:
+def _measure(run: Mapping[str, Any]) -> list[str]:
     return [
         "## The measure",
         "A pose is seen as seven directions: trunk, shoulders, upper arms, forearms. *Cosine "
-        "distance* is the mean over the seven of 1 - cos(angle between the two directions): 0 is "
-        "the same pose, and d is what one gets when every direction is off by acos(1 - d). "
+        f"distance* is the mean over {run.get('vectors_are', 'the seven')} of 1 - cos(angle "
+        "between the two directions): 0 is the same pose, and d is what one gets when every "
+        "direction is off by acos(1 - d). "
         + "; ".join(f"{d:g} is {cells.degrees(d)}" for d in (0.01, 0.05, 0.1, 0.2))
         + ".",
     ]

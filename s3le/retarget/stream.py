@@ -107,7 +107,7 @@ class Stream:
             ParameterError: x has another shape or holds no numbers, or there is neither a usable
                 frame nor a pose yet. Nothing has changed, and the stream can go on.
         """
-        usable = None if x is None else _directions(x)
+        usable = None if x is None else _directions(self._its.machine, x)
         memory, started = self._memory, bool(self._memory.flag[guard.WARM])
         try:
             dt = min(float(dt), LONGEST)
@@ -186,7 +186,8 @@ class Stream:
         out = self._memory.out
         return Step(
             self._memory.q.copy(), mode, self._clearance, bound,
-            float(out[5]) / len(BONES), float(out[2]) / len(BONES),
+            float(out[5]) / len(self._its.machine.vectors),
+            float(out[2]) / len(self._its.machine.vectors),
         )  # fmt: skip
 
     def _hold(self, mode: Mode) -> Step:
@@ -280,7 +281,7 @@ class Retargeter:
             CertificateError: q is not feasible, or the independent check refuses a pose.
         """
         x, times = _motion(x, times)
-        usable = [_directions(row) is not None for row in x]
+        usable = [_directions(self.machine, row) is not None for row in x]
         if not any(usable):
             raise ParameterError("a motion needs one frame with seven finite vectors")
         first = int(np.argmax(usable))
@@ -327,8 +328,8 @@ def _motion(x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, times
 
 
-def _directions(x: np.ndarray) -> np.ndarray | None:
-    """Seven unit vectors (21,); None where there are none.
+def _directions(machine: Machine, x: np.ndarray) -> np.ndarray | None:
+    """Seven unit vectors (21,), as the robot sees them; None where there are none.
 
     Raises:
         ParameterError: x has another shape or holds no numbers.
@@ -341,7 +342,7 @@ def _directions(x: np.ndarray) -> np.ndarray | None:
         raise ParameterError("a frame must hold numbers") from None
     if x.shape not in ((DIM,), (len(BONES), 3)):
         raise ParameterError(f"a frame must have shape ({DIM},) or (7, 3), got {x.shape}")
-    x = x.reshape(len(BONES), 3)
+    x = machine.seen(x.reshape(DIM)).reshape(len(BONES), 3)
     if not np.abs(x).max() <= 1e9:  # catches NaN
         return None
     size = np.sqrt((x * x).sum(axis=1, keepdims=True))

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -25,10 +25,25 @@ MAPPED = (
     "l_elbow",
     "l_hand",
 )
-_KEYS = ("name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation")
-_OPTIONAL = {"base_rpy": [0.0, 0.0, 0.0], "hold": {}, "pair_inflation": 1.1}
+ARMS = {side: tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "hand")) for side in "rl"}
+_KEYS = (
+    "name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation",
+    "srdf", "hulls", "velocity",
+)  # fmt: skip
+_OPTIONAL = {
+    "srdf": None, "hulls": None, "base_rpy": [0.0, 0.0, 0.0], "hold": {}, "velocity": {},
+    "pair_inflation": 1.1,
+}  # fmt: skip
 LARGEST = 32 * 2**10  # [bytes] of a robot file; real ones have two thousand
 WIDEST = 100.0  # [rad] an angle beyond this is damage or another unit
+FARTHEST = 10.0  # [m] a length or a place beyond this is damage or another unit
+
+
+class Place(NamedTuple):
+    """Where a skeleton point is: a joint, link or frame, and how far from its origin."""
+
+    frame: str
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m], in the frame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,11 +54,16 @@ class Description:
     source: Path  # the robot file itself
     urdf_name: str  # as the robot file writes it
     urdf: Path  # beside or below the robot file
+    srdf_name: str | None  # as the robot file writes it; None: there is none
+    srdf: Path | None
+    hulls_name: str | None  # of convex hulls of the robot's own meshes
+    hulls: Path | None
     base_rpy: tuple[float, float, float]  # [rad]
-    points: dict[str, str]  # role -> joint, link or frame name
+    points: dict[str, Place]  # by role; an arm that the robot lacks is left out
     joints: tuple[str, ...]
     hold: dict[str, float]  # joint -> angle [rad]
     anchor: dict[str, float]  # joint -> angle [rad]
+    velocity: dict[str, float]  # joint -> limit [rad/s], where the URDF's is not to be used
     pair_inflation: float  # [-]
 
 
@@ -56,23 +76,7 @@ def read_description(path: Path) -> Description:
             what is wanted.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as stream:
-            data = stream.read(LARGEST + 1)
-        if len(data) > LARGEST:
-            raise RobotError(f"{path}: longer than the {LARGEST / 1024:g} KiB of a robot file")
-        text = data.decode("utf-8")
-        # Aliases have no use here, and a few lines of them unfold to more than memory holds.
-        if any(isinstance(event, AliasEvent) for event in YAML(typ="safe").parse(text)):
-            raise RobotError(f"{path}: YAML aliases (*name) are not read; write the value out")
-        tree = YAML(typ="safe").load(text)
-    except FileNotFoundError:
-        known = ", ".join(sorted(p.stem for p in path.parent.glob("*.yaml"))) or "none"
-        raise RobotError(f"{path} does not exist; robots here: {known}") from None
-    except (YAMLError, ValueError, OSError, RecursionError) as error:
-        raise RobotError(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from None
-    if not isinstance(tree, dict):
-        raise RobotError(f"{path}: expected a mapping with the keys {', '.join(_KEYS)}")
+    tree = read_mapping(path, f"the keys {', '.join(_KEYS)}")
     for key in tree:
         if key not in _KEYS:
             near = get_close_matches(str(key), _KEYS, n=1)
@@ -86,14 +90,24 @@ def read_description(path: Path) -> Description:
 
     if not re.fullmatch(r"[A-Za-z0-9_.+-]{1,100}", str(tree["name"])):
         raise RobotError(f"{path}: name must be of letters, digits and _.+-, got {tree['name']!r}")
-    urdf = path.parent / str(tree["urdf"])
-    if not _is_file(urdf):
-        raise RobotError(f"{path}: urdf {tree['urdf']!r} does not exist below {path.parent}")
+    files = {key: None if tree[key] is None else path.parent / str(tree[key])
+             for key in ("urdf", "srdf", "hulls")}  # fmt: skip
+    for key, file in files.items():
+        if file is None and key != "urdf":
+            continue
+        if file is None or not _is_file(file):
+            raise RobotError(f"{path}: {key} {tree[key]!r} does not exist below {path.parent}")
     rpy = tree["base_rpy"]
     if not isinstance(rpy, list) or len(rpy) != 3:
         raise RobotError(f"{path}: base_rpy must be three angles [rad], got {rpy!r}")
     points = _mapping(path, "points", tree["points"])
-    if missing := [role for role in MAPPED if role not in points]:
+    missing = [role for role in ("hip", "neck") if role not in points]
+    lacks = {side: [role for role in arm if role not in points] for side, arm in ARMS.items()}
+    for side, roles in lacks.items():
+        whole = len(roles) == len(ARMS[side])
+        if roles and not (whole and not lacks["l" if side == "r" else "r"]):
+            missing += roles  # half an arm, or the second one that is not there
+    if missing:
         raise RobotError(f"{path}: points lacks {', '.join(missing)}")
     if extra := [role for role in points if role not in MAPPED]:
         raise RobotError(
@@ -106,20 +120,77 @@ def read_description(path: Path) -> Description:
         name=str(tree["name"]),
         source=path,
         urdf_name=str(tree["urdf"]),
-        urdf=urdf,
+        urdf=files["urdf"],
+        srdf_name=None if tree["srdf"] is None else str(tree["srdf"]),
+        srdf=files["srdf"],
+        hulls_name=None if tree["hulls"] is None else str(tree["hulls"]),
+        hulls=files["hulls"],
         base_rpy=tuple(_number(path, "base_rpy", v, -WIDEST, WIDEST) for v in rpy),
-        points={role: str(points[role]) for role in MAPPED},
+        points={role: _place(path, role, points[role]) for role in MAPPED if role in points},
         joints=tuple(map(str, joints)),
         hold=_angles(path, "hold", tree["hold"]),
         anchor=_angles(path, "anchor", tree["anchor"]),
+        velocity=_speeds(path, tree["velocity"]),
         pair_inflation=_number(path, "pair_inflation", tree["pair_inflation"], 1.0, 10.0),
     )
+
+
+def read_mapping(path: Path, wanted: str, largest: int = LARGEST) -> dict:
+    """A YAML file that holds one mapping.
+
+    Args:
+        path: the file.
+        wanted: what the mapping holds, for a refusal.
+        largest: longest file that is read [bytes].
+
+    Raises:
+        RobotError: the file is missing, too long, not YAML, uses aliases, or holds something else.
+    """
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(largest + 1)
+        if len(data) > largest:
+            raise RobotError(f"{path}: longer than the {largest / 1024:g} KiB of a robot file")
+        text = data.decode("utf-8")
+        # Aliases have no use here, and a few lines of them unfold to more than memory holds.
+        if any(isinstance(event, AliasEvent) for event in YAML(typ="safe").parse(text)):
+            raise RobotError(f"{path}: YAML aliases (*name) are not read; write the value out")
+        tree = YAML(typ="safe").load(text)
+    except FileNotFoundError:
+        known = ", ".join(sorted(p.stem for p in path.parent.glob("*.yaml"))) or "none"
+        raise RobotError(f"{path} does not exist; robots here: {known}") from None
+    except (YAMLError, ValueError, OSError, RecursionError) as error:
+        raise RobotError(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from None
+    if not isinstance(tree, dict):
+        raise RobotError(f"{path}: expected a mapping with {wanted}")
+    return tree
 
 
 def _mapping(path: Path, key: str, value: Any) -> dict:
     if not isinstance(value, dict):
         raise RobotError(f"{path}: {key} must be a mapping, got {value!r}")
     return value
+
+
+def _place(path: Path, role: str, value: Any) -> Place:
+    if not isinstance(value, dict):
+        return Place(str(value))
+    offset = value.get("offset")
+    if set(value) != {"frame", "offset"} or not isinstance(offset, list) or len(offset) != 3:
+        raise RobotError(
+            f"{path}: points.{role} must be a name, or {{frame: name, offset: [x, y, z]}} [m], "
+            f"got {value!r}"
+        )
+    key = f"points.{role}.offset"
+    x, y, z = (_number(path, key, v, -FARTHEST, FARTHEST) for v in offset)
+    return Place(str(value["frame"]), (x, y, z))
+
+
+def _speeds(path: Path, value: Any) -> dict[str, float]:
+    return {
+        str(joint): _number(path, f"velocity.{joint}", speed, 1e-3, 1e3)
+        for joint, speed in _mapping(path, "velocity", value).items()
+    }
 
 
 def _is_file(path: Path) -> bool:

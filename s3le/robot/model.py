@@ -15,10 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.robot import urdf
-from s3le.robot.description import MAPPED, WIDEST, Description, read_description
-
-FARTHEST = 10.0  # [m] a length or a place beyond this is damage or another unit
+from s3le.robot import srdf, urdf
+from s3le.robot.description import ARMS, FARTHEST, WIDEST, Description, Place, read_description
 
 
 class Body(NamedTuple):
@@ -30,6 +28,11 @@ class Body(NamedTuple):
     b: np.ndarray  # the other end [m]
     radius: float  # [m]
     shape: str  # what the URDF holds: capsule, sphere, box or cylinder
+
+    @property
+    def link(self) -> str:
+        """The link it is a body of."""
+        return self.name.rpartition("_")[0]
 
 
 class Joint(NamedTuple):
@@ -61,10 +64,16 @@ class Robot:
     digest: str  # of everything below that can change a result
     joints: tuple[Joint, ...]
     bodies: tuple[Body, ...]
-    points: dict[str, Point]  # by role, s3le.robot.description.MAPPED
+    points: dict[str, Point]  # by role, s3le.robot.description.MAPPED; a missing arm has none
     base_rotation: np.ndarray  # (3, 3): base frame -> x forward, y left, z up
     anchor: np.ndarray  # [rad], (n_dof,)
     pair_inflation: float
+    disabled: dict[frozenset[str], str]  # pairs of links that the SRDF takes off, and its reason
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Sides on which it has an arm: "r", "l"."""
+        return tuple(side for side, roles in ARMS.items() if roles[0] in self.points)
 
     @property
     def n_dof(self) -> int:
@@ -113,12 +122,18 @@ def from_description(text: Description) -> Robot:
     home = pin.neutral(model)
     pin.framesForwardKinematics(model, data, home)
 
-    joints = tuple(_joint(model, j, where) for j in range(1, model.njoints))
-    points = {role: _point(model, text.points[role], role, where) for role in MAPPED}
+    urdf.refuse_mimicry(text, tree)
+    joints = tuple(_joint(model, j, where, text.velocity) for j in range(1, model.njoints))
+    if wrong := [name for name in text.velocity if name not in text.joints]:
+        raise RobotError(f"{text.source}: velocity names '{wrong[0]}', which does not move")
+    points = {role: _point(model, place, role, where) for role, place in text.points.items()}
     bodies = tuple(_body(model, item, where) for item in geometry.geometryObjects)
     urdf.refuse_lost_geometry(where, tree, [item.name for item in geometry.geometryObjects])
     if not bodies:
-        raise RobotError(f"{where}: no collision geometry, so nothing could be checked")
+        raise RobotError(
+            f"{where}: no collision geometry, so nothing could be checked; s3le robot new puts "
+            "capsules around meshes"
+        )
     anchor = np.zeros(len(joints))
     names = [joint.name for joint in joints]
     for name, angle in text.anchor.items():
@@ -141,6 +156,7 @@ def from_description(text: Description) -> Robot:
         base_rotation=pin.rpy.rpyToMatrix(*text.base_rpy),
         anchor=anchor,
         pair_inflation=text.pair_inflation,
+        disabled=srdf.disabled(text.srdf) if text.srdf else {},
     )
     object.__setattr__(robot, "digest", _digest(robot))
     return robot
@@ -188,9 +204,14 @@ def reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
     return pin.buildReducedModel(model, geometry, locked, still)
 
 
-def _joint(model: pin.Model, index: int, where: str) -> Joint:
+def _joint(model: pin.Model, index: int, where: str, speeds: dict[str, float]) -> Joint:
     kind = model.joints[index]
     name = model.names[index]
+    if kind.nv == 1 and kind.nq == 2:
+        raise RobotError(
+            f"{where}: joint '{name}' is continuous; only joints with limits move: make it "
+            'revolute with lower and upper, as "s3le robot new" does'
+        )
     if kind.nq != 1 or kind.nv != 1 or "R" not in kind.shortname():
         raise RobotError(
             f"{where}: joint '{name}' is {kind.shortname()}; only revolute joints move"
@@ -200,7 +221,7 @@ def _joint(model: pin.Model, index: int, where: str) -> Joint:
     if not -WIDEST <= lower < upper <= WIDEST:
         raise RobotError(
             f"{where}: joint '{name}' needs lower < upper in [{-WIDEST:g}, {WIDEST:g}] rad, "
-            f"got {lower} and {upper}"
+            f"got {lower} and {upper}" + ("; they are reversed" if lower > upper else "")
         )
     data = kind.createData()
     kind.calc(data, np.zeros(model.nq))
@@ -217,11 +238,12 @@ def _joint(model: pin.Model, index: int, where: str) -> Joint:
         axis=axis,
         lower=lower,
         upper=upper,
-        velocity=float(model.velocityLimit[kind.idx_v]),
+        velocity=speeds.get(name, float(model.velocityLimit[kind.idx_v])),
     )
 
 
-def _point(model: pin.Model, name: str, role: str, where: str) -> Point:
+def _point(model: pin.Model, place: Place, role: str, where: str) -> Point:
+    name = place.frame
     if not model.existFrame(name):
         near = ", ".join(frame.name for frame in model.frames if name.lower() in frame.name.lower())
         raise RobotError(
@@ -230,8 +252,11 @@ def _point(model: pin.Model, name: str, role: str, where: str) -> Point:
         )
     # A joint and the link it carries may share a name; the first frame of it is the joint's.
     frame = next(frame for frame in model.frames if frame.name == name)
-    _near(where, f"point {role}", frame.placement.translation)
-    return Point(int(frame.parentJoint) - 1, np.array(frame.placement.translation))
+    at = np.array(frame.placement.translation)
+    if any(place.offset):
+        at = np.array(frame.placement.act(np.array(place.offset)))
+    _near(where, f"point {role}", at)
+    return Point(int(frame.parentJoint) - 1, at)
 
 
 def _body(model: pin.Model, item: pin.GeometryObject, where: str) -> Body:
@@ -310,4 +335,5 @@ def _digest(robot: Robot) -> str:
         parts += [role.encode(), str(point.joint).encode(), point.offset.tobytes()]
     parts += [robot.base_rotation.tobytes(), robot.anchor.tobytes()]
     parts.append(np.array([robot.pair_inflation]).tobytes())
+    parts += [name.encode() for pair in sorted(map(sorted, robot.disabled)) for name in pair]
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]

@@ -2,7 +2,8 @@
 
 Anchor rule (the authors'): a pair is watched unless its capsules, grown by `pair_inflation`,
 already overlap at the anchor pose. It needs no SRDF and works for any URDF. Bodies that cannot
-move relative to each other are not watched either. Every pair is listed with its reason.
+move relative to each other are not watched either, nor are pairs of links that an SRDF takes off
+where the robot file names one. Every pair is listed with its reason.
 """
 
 from typing import NamedTuple
@@ -17,6 +18,7 @@ from s3le.robot.model import Robot
 WATCHED = "watched"
 FIXED = "cannot move relative to each other"
 OVERLAP = "overlap at the anchor when grown"
+DISABLED = "disabled by the SRDF"  # and, in brackets, the reason that it gives
 
 
 class Pair(NamedTuple):
@@ -25,7 +27,7 @@ class Pair(NamedTuple):
     a: int  # index into robot.bodies
     b: int
     kind: str  # e.g. "limb-trunk": what kinds of body the pair joins
-    reason: str  # WATCHED, FIXED or OVERLAP
+    reason: str  # WATCHED, FIXED, OVERLAP, or one that begins with DISABLED
     clearance: float  # [m] at the anchor, capsules not grown
 
 
@@ -37,10 +39,10 @@ def body_kinds(robot: Robot) -> list[str]:
     """
     trunk = set(robot.chain(robot.points["neck"].joint))
     sides = {}
-    for side, role in (("right", "r_hand"), ("left", "l_hand")):
-        for joint in robot.chain(robot.points[role].joint):
+    for side in robot.arms:
+        for joint in robot.chain(robot.points[f"{side}_hand"].joint):
             if joint not in trunk:
-                sides.setdefault(joint, side)
+                sides.setdefault(joint, {"r": "right", "l": "left"}[side])
     kinds = []
     for body in robot.bodies:
         path = robot.chain(body.joint)
@@ -73,6 +75,10 @@ def all_pairs(robot: Robot) -> list[Pair]:
             clearance = _distance(robot, at_anchor, a, b, 1.0)
             if robot.bodies[a].joint == robot.bodies[b].joint:
                 reason = FIXED
+            elif why := robot.disabled.get(
+                frozenset((robot.bodies[a].link, robot.bodies[b].link))
+            ):
+                reason = f"{DISABLED} ({why})"
             elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0:
                 reason = OVERLAP
             else:

@@ -14,6 +14,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from s3le.errors import RobotError
+from s3le.robot.description import Description
 
 LARGEST = 4 * 2**20  # [bytes] of a URDF; large ones have half a million
 ALIKE = 0.7  # of two names, above which one is taken for a slip of the other
@@ -83,6 +84,41 @@ def _named(item: ElementTree.Element) -> str:
 def _refuse_slip(path: Path, what: str, name: str, wanted: list[str]) -> None:
     if near := get_close_matches(name.lower()[:100], wanted, n=1, cutoff=ALIKE):
         raise RobotError(f"{path}: {what} is not read; did you mean {near[0]}?")
+
+
+def refuse_mimicry(text: Description, root: ElementTree.Element) -> None:
+    """Refuse a joint that would move although the model has it standing still.
+
+    Raises:
+        RobotError: a moving joint mimics another, one that is held mimics a moving one, or it is
+            held at another angle than it has when its master is held where it is.
+    """
+    for item in root.findall("joint"):
+        mimic, name = item.find("mimic"), item.get("name", "")
+        if mimic is None:
+            continue
+        master = mimic.get("joint", "")
+        if name in text.joints:
+            raise RobotError(
+                f"{text.urdf}: joint '{name}' mimics '{master}' and cannot move by itself; take it "
+                "off joints, and points beyond it, or remove <mimic>"
+            )
+        if master in text.joints:
+            raise RobotError(
+                f"{text.urdf}: joint '{name}' mimics '{master}' and would move with it, which is "
+                f"not modelled; take '{master}' off joints, or remove <mimic>"
+            )
+        try:
+            factor, offset = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
+        except ValueError:
+            raise RobotError(
+                f"{text.urdf}: <mimic> of joint '{name}' needs numbers for multiplier and offset"
+            ) from None
+        angle = factor * text.hold.get(master, 0.0) + offset
+        if not abs(text.hold.get(name, 0.0) - angle) <= 1e-6:
+            raise RobotError(
+                f"{text.source}: joint '{name}' mimics '{master}', so hold it at {angle:.6g}"
+            )
 
 
 def refuse_lost_geometry(where: str, root: ElementTree.Element, names: list[str]) -> None:

@@ -1,0 +1,153 @@
+"""`s3le robot`: a robot file from a URDF, and what is to be known about one."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from s3le.cli import shell
+
+if TYPE_CHECKING:
+    from s3le.machine import Machine
+
+app = typer.Typer(
+    help="Robot files: propose one from a URDF, check one.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@app.command("new", short_help="A robot file from a URDF.")
+def new(
+    urdf: Annotated[Path, typer.Argument(help="The robot's URDF.", show_default=False)],
+    name: Annotated[
+        str | None,
+        typer.Option(help="Of the robot and its file.", show_default="the URDF's file name"),
+    ] = None,
+    srdf: Annotated[
+        Path | None, typer.Option(help="Pairs of links that it disables are not watched.")
+    ] = None,
+    package_path: Annotated[
+        list[Path] | None,
+        typer.Option(help="Where package:// is looked for, besides ROS_PACKAGE_PATH; several."),
+    ] = None,
+    spheres: Annotated[
+        Path | None,
+        typer.Option(help="YAML, link -> [{center, radius}], instead of these links' geometry."),
+    ] = None,
+    capsules: Annotated[
+        int, typer.Option(min=1, max=16, help="Most capsules that a mesh becomes.")
+    ] = 4,
+    visual: Annotated[
+        bool, typer.Option("--visual", help="Take visual shapes of links without collision ones.")
+    ] = False,
+    hulls: Annotated[
+        bool,
+        typer.Option("--hulls", help="Keep the meshes' convex hulls, for an independent check."),
+    ] = False,
+    out: Annotated[Path, typer.Option(help="Folder of robot files.")] = Path("data/robots"),
+    margin: Annotated[
+        float, typer.Option(min=0.0, help="Clearance that the anchor keeps at least [m].")
+    ] = shell.MARGIN,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="PNG that shows it.", show_default="NAME.png beside the robot file"),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
+) -> None:
+    """Propose a robot file, say what is sure and what to look at, and draw it.
+
+    Writes NAME.yaml, urdf/NAME.urdf (kinematics and bodies alone: no mesh is needed any more), with
+    an SRDF urdf/NAME.srdf, with --hulls urdf/NAME.hulls.npz, and the picture. Commit them all but
+    the picture; then `dvc exp run -S robot=NAME` runs the pipeline with this robot.
+
+    \b
+    s3le robot new my.urdf
+    s3le robot new g1.urdf --srdf g1.srdf --package-path ~/ros/src --hulls
+    s3le robot new arm.urdf --name arm --visual --capsules 8
+    """  # noqa: D301
+    from s3le.onboard import propose
+
+    with shell.guarded():
+        made = propose.propose(
+            urdf, name or urdf.stem, margin, shell.NECK, package_path or (), srdf, spheres,
+            capsules, visual, hulls,
+        )  # fmt: skip
+        png = picture or out / f"{made.name}.png"
+        paths = propose.write(made, out, force, also=[png])
+        robot = shell.robot(str(out / f"{made.name}.yaml"), margin)
+        _draw(robot, png, [f"look: {line}" for line in made.look])
+    for path in [*paths, png]:
+        typer.echo(f"wrote {path}")
+    for body in made.made:
+        if body.capsules:
+            typer.echo(
+                f"body: {body.link}: {body.kind} -> {len(body.capsules)} capsules, "
+                f"{body.grown:.2f} times the hull's volume, {body.adds * 1e3:.0f} mm beyond it"
+            )
+    for line in made.sure:
+        typer.echo(f"sure: {line}")
+    for line in made.look:
+        typer.echo(f"look: {line}")
+    typer.echo(
+        f"next: look at {png}; s3le robot check {made.name}; dvc exp run -S robot={made.name}"
+    )
+
+
+@app.command("check", short_help="What there is to know about a robot file.")
+def check(
+    robot: Annotated[
+        str,
+        typer.Argument(
+            help="Name in data/robots, robot file, or folder of stage robot.", show_default=False
+        ),
+    ],
+    margin: Annotated[
+        float | None,
+        typer.Option(help="Clearance of poses [m].", show_default="0.002, or the folder's"),
+    ] = None,
+    poses: Annotated[int, typer.Option(min=10, max=1_000_000, help="Random poses.")] = 2000,
+    every: Annotated[bool, typer.Option("--all", help="List every pair.")] = False,
+    picture: Annotated[Path | None, typer.Option(help="PNG to draw.")] = None,
+) -> None:
+    """Validate a robot file and report: joints, reach, pairs and why, random poses, time a check.
+
+    \b
+    s3le robot check coman
+    s3le robot check data/robots/my.yaml --all --picture my.png
+
+    Exit status: 0 if it can be used, 2 if not, with the reason in a line.
+    """  # noqa: D301
+    from s3le.onboard import survey
+
+    with shell.guarded():
+        machine = shell.robot(robot, margin)
+        found = survey.survey(machine, poses)
+        if picture:
+            _draw(machine, picture, [])
+    typer.echo("\n".join(survey.lines(machine, found, every)))
+
+
+def _draw(machine: "Machine", path: Path, notes: list[str]) -> None:
+    import numpy as np
+
+    from s3le.kernels import batch
+    from s3le.report import robot as picture
+    from s3le.robot import pairs
+    from s3le.skeleton import BONES
+
+    it, chain = machine.robot, machine.chain
+    q = it.anchor[None]
+    points = batch.points(chain, q)[0]
+    kept = [BONES.index(name) for name in machine.vectors]
+    tail, head = (points[ends[kept]].mean(axis=1) for ends in (chain.tail, chain.head))
+    dropped = [
+        (p.a, p.b) for p in machine.pairs if p.reason not in (pairs.WATCHED, pairs.FIXED)
+    ]
+    shown = picture.Shown(
+        f"{it.name} at its anchor: {it.n_dof} joints, {len(it.bodies)} bodies, "
+        f"{len(machine.watched)} pairs watched, {len(dropped)} not",
+        batch.capsule_ends(chain, q)[0], chain.body_radius, pairs.body_kinds(it),
+        np.stack([tail, head], axis=1), list(machine.vectors), dropped, notes,
+    )  # fmt: skip
+    picture.draw(path, shown)

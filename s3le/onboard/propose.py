@@ -1,0 +1,356 @@
+"""From a URDF to the text of a robot file: joints, hold, anchor, speeds; what to look at."""
+
+import contextlib
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from s3le import machine
+from s3le.errors import RobotError
+from s3le.files import replace
+from s3le.onboard import anchor, bodies, hulls, limbs, source
+from s3le.onboard.tree import Tree
+from s3le.robot import model, sense, srdf
+from s3le.robot.description import MAPPED
+
+TURNED = 0.01  # chord of a unit vector; a joint that moves none farther drops out
+SPEED = np.pi  # [rad/s] where the URDF names no limit that can be one
+FASTEST = 60.0  # [rad/s] a limit beyond is a placeholder
+
+
+@dataclass
+class Proposal:
+    """What `robot new` found out, and what is to be written."""
+
+    name: str
+    urdf: Path  # that was read
+    made: list[bodies.Made]
+    found: anchor.Found
+    sure: list[str]
+    look: list[str]
+    files: dict[str, bytes]  # relative to the folder of robot files -> content
+
+
+def propose(
+    urdf: Path,
+    name: str,
+    margin: float,
+    neck: str,
+    packages: Sequence[Path] = (),
+    srdf_file: Path | None = None,
+    spheres: Path | None = None,
+    most: int = bodies.MOST,
+    visual: bool = False,
+    with_hulls: bool = False,
+) -> Proposal:
+    """Read a URDF and settle everything that a robot file says.
+
+    Args:
+        urdf: the URDF.
+        name: of the robot and its file.
+        margin: clearance that the anchor must keep [m].
+        neck: skeleton.NECKS.
+        packages: where packages lie.
+        srdf_file: pairs that are not to be watched.
+        spheres: a list of spheres instead of the collision geometry of the links it names.
+        most: capsules at most for a mesh.
+        visual: take visual shapes where there is no collision geometry.
+        with_hulls: keep the convex hulls of the meshes beside, for an independent check.
+
+    Raises:
+        RobotError: something in the files cannot be used; says what to do.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9_.+-]{1,100}", name):
+        raise RobotError(f"a robot's name is of letters, digits and _.+-, not {name!r}: --name")
+    origin = source.read(urdf, packages, visual)
+    called = origin.renamed
+    disabled = {
+        frozenset(called.get(link, link) for link in pair): why
+        for pair, why in (srdf.disabled(srdf_file) if srdf_file else {}).items()
+    }
+    given = bodies.read_spheres(spheres) if spheres else {}
+    given = {called.get(link, link): rows for link, rows in given.items()}
+    found = limbs.find(origin)
+    sure, look = list(found.sure), [*found.look, *origin.notes]
+    tree = Tree(origin.model)
+    moving = _moving(tree, found, urdf)
+    _continuous(origin, moving, look)
+    made = bodies.make(origin, most, given)
+    links = {link.get("name"): link for link in origin.root.findall("link")}
+    for body in made:
+        links[body.link].extend(body.elements)
+    text = source.text(origin.root)
+    files = {f"urdf/{name}.urdf": text.encode()}
+    if disabled:
+        kept = {pair: why for pair, why in disabled.items() if pair <= links.keys()}
+        files[f"urdf/{name}.srdf"] = srdf.text(name, kept).encode()
+        sure.append(f"SRDF: {len(kept)} pairs of links taken off, all of them listed")
+    if with_hulls:
+        files[f"urdf/{name}.hulls.npz"] = hulls.pack(origin)
+    hold = _hold(tree, origin, moving, look)
+    speeds = _speeds(tree, moving, look)
+    plan = _Plan(name, found.points, found.base, moving, hold, {}, speeds, files)
+    plan.anchor = {tree.name(j): float(tree.still[tree.model.joints[j].idx_q])
+                   for j in map(tree.model.getJointId, moving)
+                   if tree.model.joints[j].nq == 1
+                   and tree.still[tree.model.joints[j].idx_q] != 0.0}  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder, _called(folder, name, urdf):
+        robot = plan.load(Path(folder))
+        plan.joints = _that_turn(robot, look)
+        plan.anchor = {j: v for j, v in plan.anchor.items() if j in plan.joints}
+        plan.velocity = {j: v for j, v in plan.velocity.items() if j in plan.joints}
+        for joint in set(moving) - set(plan.joints):
+            at = float(robot.anchor[robot.joint_names.index(joint)])
+            if at:
+                plan.hold[joint] = at
+        robot = plan.load(Path(folder))
+        sense.refuse_nonsense(robot)
+        best = anchor.search(robot, neck)
+        if best is None and (always := anchor.always(robot, neck)):
+            look.append(
+                "these overlap in every pose that was asked, although what lies between them "
+                "does not, and are taken off in the SRDF: "
+                + ", ".join(" and ".join(sorted(pair)) for pair in always)
+            )
+            kept = robot.disabled | dict.fromkeys(always, "Always, by sampling")
+            files[f"urdf/{name}.srdf"] = srdf.text(name, kept).encode()
+            robot = plan.load(Path(folder))
+            best = anchor.search(robot, neck)
+        if best is None or best.clearance < margin:
+            raise RobotError(
+                f"{urdf}: of {anchor.ASKED} poses none is feasible, so there is no anchor; its "
+                "bodies overlap everywhere: more capsules (--capsules 8), spheres (--spheres) or "
+                "an SRDF may free them"
+            )
+        plan.anchor = {
+            joint: float(angle)
+            for joint, angle in zip(robot.joint_names, best.q, strict=True) if angle != 0.0
+        }  # fmt: skip
+        plan.notes = [f"sure: {line}" for line in sure] + [f"look: {line}" for line in look]
+        files[f"{name}.yaml"] = plan.text().encode()
+        plan.load(Path(folder))
+        machine.adopt(Path(folder) / f"{name}.yaml", margin, neck)
+    (sure if best.how != "search" else look).append(
+        f"anchor: {best.how}, {best.clearance * 1e3:.0f} mm clear, "
+        f"{best.overlaps} pairs overlap there and are not watched"
+    )
+    return Proposal(name, Path(urdf), made, best, sure, look, files)
+
+
+@contextlib.contextmanager
+def _called(folder: str, name: str, urdf: Path) -> Iterator[None]:
+    """Refusals name the files that people know, not the copies that are tried out."""
+    try:
+        yield
+    except RobotError as refusal:
+        said = str(refusal).replace(str(Path(folder) / "urdf" / f"{name}.urdf"), str(urdf))
+        raise RobotError(said.replace(f"{folder}{os.sep}", "")) from None
+
+
+def write(
+    proposal: Proposal, folder: Path, force: bool, also: Sequence[Path] = ()
+) -> list[Path]:
+    """Put the files in place, the robot file last; each appears whole or not at all.
+
+    Args:
+        proposal: what to write.
+        folder: of robot files.
+        force: replace what is there, but never the URDF that was read.
+        also: what is going to be written beside, and must not be there either.
+
+    Raises:
+        RobotError: one of them is there and force is not given; nothing is written.
+    """
+    paths = {folder / name: data for name, data in proposal.files.items()}
+    if any(path.resolve() == proposal.urdf.resolve() for path in paths):
+        raise RobotError(
+            f"{proposal.urdf} is the URDF that was read and would be replaced by what is left of "
+            "it; give another --name or --out"
+        )
+    if not force and (there := [path for path in [*paths, *also] if path.exists()]):
+        raise RobotError(f"{there[0]} exists; give another --name, or --force to replace it")
+    for path, data in paths.items():
+        replace(path, lambda part, data=data: part.write_bytes(data))
+    return list(paths)
+
+
+@dataclass
+class _Plan:
+    """The parts of a robot file."""
+
+    name: str
+    points: Mapping[str, limbs.Point]
+    base: np.ndarray
+    joints: list[str]
+    hold: dict[str, float]
+    anchor: dict[str, float]
+    velocity: dict[str, float]
+    files: dict[str, bytes]
+    notes: list[str] | None = None
+
+    def load(self, folder: Path) -> model.Robot:
+        """The robot that the files so far describe, from a folder of their own."""
+        (folder / "urdf").mkdir(exist_ok=True)
+        for name, data in (self.files | {f"{self.name}.yaml": self.text().encode()}).items():
+            (folder / name).write_bytes(data)
+        return model.load(folder / f"{self.name}.yaml")
+
+    def text(self) -> str:
+        """The robot file."""
+        rpy = ", ".join(repr(round(float(v), 9) + 0.0) for v in pin.rpy.matrixToRpy(self.base))
+        lines = [
+            *(f"# {note}" for note in self.notes or []),
+            f"name: {self.name}",
+            f"urdf: urdf/{self.name}.urdf",
+        ]
+        for key, suffix in (("srdf", "srdf"), ("hulls", "hulls.npz")):
+            if f"urdf/{self.name}.{suffix}" in self.files:
+                lines.append(f"{key}: urdf/{self.name}.{suffix}")
+        lines += [
+            "",
+            "# Rotation (roll, pitch, yaw [rad]) from the base's frame to x forward, y left, z up.",
+            f"base_rpy: [{rpy}]",
+            "",
+            "# What the skeleton is read from: joints, links or frames, with an offset [m] where",
+            "# none is at the right place. `neck` is used with `neck: joint`, or with one arm.",
+            "points:",
+            *(f"  {role}: {_flow(self.points[role])}" for role in _roles(self.points)),
+            "",
+            "# Joints that move; every other one stands still at `hold` [rad], zero if not named.",
+            f"joints: [{', '.join(map(_word, self.joints))}]",
+            f"hold: {_flow(self.hold)}",
+            "",
+            "# A feasible pose, from which projection can always start [rad].",
+            f"anchor: {_flow(self.anchor)}",
+            "",
+            "# Limits [rad/s] that stand for the URDF's.",
+            f"velocity: {_flow(self.velocity)}",
+            "",
+            "# Bodies that overlap at the anchor when grown by this factor are not watched.",
+            "pair_inflation: 1.1",
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def _roles(points: Mapping[str, object]) -> list[str]:
+    """Roles in the order of description.MAPPED."""
+    return [role for role in MAPPED if role in points]
+
+
+def _flow(value: object) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_word(k)}: {_flow(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    return repr(value) if isinstance(value, float) else _word(str(value))
+
+
+def _word(text: str) -> str:
+    """A YAML scalar that is read as text."""
+    plain = re.fullmatch(r"[A-Za-z_][A-Za-z0-9_./-]*", text)
+    if plain and text.lower() not in ("y", "n", "yes", "no", "on", "off", "true", "false", "null"):
+        return text
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _moving(tree: Tree, found: limbs.Limbs, urdf: Path) -> list[str]:
+    names = [tree.name(j) for j in found.waist]
+    for side in ("l", "r"):
+        names += [tree.name(j) for j in found.arms.get(side, []) if tree.turns(j)]
+    for name in names:
+        joint = tree.model.joints[tree.model.getJointId(name)]
+        if joint.nq == 1:
+            low = tree.model.lowerPositionLimit[joint.idx_q]
+            high = tree.model.upperPositionLimit[joint.idx_q]
+            if low > high:
+                raise RobotError(
+                    f"{urdf}: joint '{name}' has its limits reversed, lower {low:g} and upper "
+                    f"{high:g}; swap them in the URDF"
+                )
+    return names
+
+
+def _continuous(origin: source.Source, moving: list[str], look: list[str]) -> None:
+    """A moving joint without limits gets a whole turn, in the robot file's URDF."""
+    for name in moving:
+        joint = origin.joint(name)
+        if joint.get("type") != "continuous":
+            continue
+        joint.set("type", "revolute")
+        limit = joint.find("limit")
+        if limit is None:
+            limit = source.ElementTree.SubElement(joint, "limit", {"effort": "0", "velocity": "0"})
+        limit.set("lower", "-3.141593")
+        limit.set("upper", "3.141593")
+        look.append(f"'{name}' is continuous; in the robot file's URDF it has limits of 180 deg")
+
+
+def _hold(
+    tree: Tree, origin: source.Source, moving: list[str], look: list[str]
+) -> dict[str, float]:
+    """Joints whose range leaves zero out, and those that mimic one that does."""
+    hold = {}
+    for j in range(1, tree.model.njoints):
+        joint = tree.model.joints[j]
+        if joint.nq == 1 and tree.name(j) not in moving:
+            angle = float(tree.still[joint.idx_q])
+            if angle != 0.0:
+                hold[tree.name(j)] = angle
+    for item in origin.root.findall("joint"):
+        mimic, name = item.find("mimic"), item.get("name", "")
+        if mimic is None:
+            continue
+        master = mimic.get("joint", "")
+        if name not in moving and master not in moving:
+            angle = float(mimic.get("multiplier", 1)) * hold.get(master, 0.0)
+            angle += float(mimic.get("offset", 0))
+            hold.pop(name, None)
+            if angle:
+                hold[name] = angle
+    if hold:
+        look.append(f"hold: {', '.join(hold)} cannot stand at zero and stand as near as they can")
+    return hold
+
+
+def _speeds(tree: Tree, moving: list[str], look: list[str]) -> dict[str, float]:
+    speeds = {}
+    for name in moving:
+        joint = tree.model.joints[tree.model.getJointId(name)]
+        limit = float(tree.model.velocityLimit[joint.idx_v])
+        if not 0.0 < limit <= FASTEST:
+            speeds[name] = round(SPEED, 6)
+    if speeds:
+        look.append(
+            f"velocity: the URDF has no limit that can be one for {', '.join(speeds)}; "
+            f"{SPEED:.2f} rad/s are put down, give the robot's own"
+        )
+    return speeds
+
+
+def _that_turn(robot: model.Robot, look: list[str]) -> list[str]:
+    """Moving joints without those that turn none of the vectors."""
+    q = sense.poses(robot, 60)
+    kept, lost = [], []
+    before = _unit(robot, q)
+    for j, joint in enumerate(robot.joints):
+        most = 0.0
+        for end in (joint.lower, joint.upper):
+            other = q.copy()
+            other[:, j] = end
+            most = max(most, float(np.linalg.norm(_unit(robot, other) - before, axis=2).max()))
+        (kept if most > TURNED else lost).append(joint.name)
+    if lost:
+        look.append(f"held, for they turn none of the vectors: {', '.join(lost)}")
+    return kept
+
+
+def _unit(robot: model.Robot, q: np.ndarray) -> np.ndarray:
+    bones = machine.bones_of(robot, sense.points(robot, q), "midpoint")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.nan_to_num(bones / np.linalg.norm(bones, axis=2, keepdims=True))

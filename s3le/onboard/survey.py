@@ -1,0 +1,148 @@
+"""What `robot check` finds out about a robot: ranges, reach, pairs, random poses, time."""
+
+import time
+from collections import Counter
+from typing import NamedTuple
+
+import numpy as np
+
+from s3le.kernels import batch
+from s3le.machine import Machine
+from s3le.robot import hulls, pairs, sense
+from s3le.skeleton import BONES
+
+ALWAYS = 0.95  # share of random poses from which on a pair counts as nearly always colliding
+NEVER = 0.05  # [m], a pair that no random pose brings nearer counts as never near
+_BY_COAL = 300  # poses that coal measures too
+_BY_HULL = 200  # feasible poses whose hulls are measured
+
+
+class Survey(NamedTuple):
+    """Figures over random poses, uniform in the joint limits."""
+
+    poses: int
+    colliding: float  # share of poses in which a watched pair overlaps
+    below_margin: float  # share of poses in which one comes closer than the margin
+    always: list[tuple[int, float]]  # watched pair, share of poses in which it overlaps
+    never: list[tuple[int, float]]  # watched pair, its least distance over all poses [m]
+    kernel: float  # [s] for one pose's clearance by the kernels
+    coal: float  # [s] the same by coal
+    apart: float  # largest difference of the two [m]
+    reach: dict[str, float]  # side -> largest distance of hand from shoulder [m]
+    turning: list[str]  # bones that are followed
+    hulls: hulls.Depths | None  # of feasible poses
+    hull_pairs: list[tuple[str, int, float]]  # links, poses in which they overlap, deepest [m]
+
+
+def survey(machine: Machine, poses: int) -> Survey:
+    """Look at random poses; the same ones each time.
+
+    Args:
+        machine: the robot.
+        poses: how many.
+    """
+    robot = machine.robot
+    q = sense.poses(robot, poses)
+    apart = batch.pair_distances(machine.chain, q)
+    batch.clearances(machine.chain, q[:2])  # compiles
+    begun = time.perf_counter()
+    clearance = batch.clearances(machine.chain, q)
+    kernel = (time.perf_counter() - begun) / len(q)
+    some = q[:_BY_COAL]
+    certifier = machine.certifier()
+    begun = time.perf_counter()
+    report = certifier.check(some)
+    coal = (time.perf_counter() - begun) / len(some)
+    share, least = (apart < 0.0).mean(axis=0), apart.min(axis=0)
+    at = sense.points(robot, q)
+    found, listed = None, []
+    if robot.description.hulls:
+        check = hulls.HullCheck(robot)
+        good = q[clearance >= machine.margin][:_BY_HULL]
+        found = check.check(good)
+        for row, count in Counter(found.pair[found.pair >= 0].tolist()).most_common():
+            deepest = float(found.depth[found.pair == row].max())
+            listed.append((check.name(row), count, deepest))
+    return Survey(
+        len(q), float((clearance < 0.0).mean()), float((clearance < machine.margin).mean()),
+        [(int(k), float(share[k])) for k in np.flatnonzero(share >= ALWAYS)],
+        [(int(k), float(least[k])) for k in np.flatnonzero(least >= NEVER)],
+        kernel, coal, float(np.abs(report.clearance - clearance[: len(some)]).max()),
+        {s: float(np.linalg.norm(at[f"{s}_hand"] - at[f"{s}_shoulder"], axis=1).max())
+         for s in robot.arms},
+        list(machine.vectors), found, listed,
+    )  # fmt: skip
+
+
+def lines(machine: Machine, found: Survey, every: bool) -> list[str]:
+    """The report as text.
+
+    Args:
+        machine: the robot.
+        found: what survey found.
+        every: list pairs by name even where there are many.
+    """
+    robot = machine.robot
+    out = [f"robot {robot.name} {robot.digest}: {robot.n_dof} joints, {len(robot.bodies)} bodies"]
+    out.append("joints [deg, deg/s]:")
+    for joint, at in zip(robot.joints, robot.anchor, strict=True):
+        low, high, here = np.degrees([joint.lower, joint.upper, at])
+        speed = np.degrees(joint.velocity)
+        about = f"{low:8.1f} to {high:7.1f}, anchor {here:7.1f}, {speed:6.0f}"
+        out.append(f"  {joint.name:<28} {about}")
+        if not 0.0 < joint.velocity < np.inf:
+            out.append("      look: this is no speed limit; give one under velocity")
+    out.append(
+        f"vectors: {len(found.turning)} of {len(BONES)} are followed"
+        + ("" if len(found.turning) == len(BONES) else f": {', '.join(found.turning)}")
+    )
+    names = {"r": "right", "l": "left"}
+    for side, far in found.reach.items():
+        out.append(f"reach: {names[side]} hand up to {far * 1e3:.0f} mm from its shoulder")
+    reasons = Counter(pair.reason for pair in machine.pairs)
+    kept = reasons.pop(pairs.WATCHED, 0)
+    out.append(f"pairs of bodies: {len(machine.pairs)}, watched {kept}")
+    for reason, count in sorted(reasons.items()):
+        out.append(f"  not watched, {reason}: {count}")
+        if reason != pairs.FIXED:
+            out += _some([
+                f"{robot.bodies[p.a].name} and {robot.bodies[p.b].name} "
+                f"({p.clearance * 1e3:.0f} mm at the anchor)"
+                for p in machine.pairs if p.reason == reason
+            ], every)  # fmt: skip
+    out.append(
+        f"random poses: {found.poses}, {found.colliding:.1%} in collision, "
+        f"{found.below_margin:.1%} below the margin of {machine.margin * 1e3:g} mm"
+    )
+    if found.always:
+        out.append(f"  watched, and overlap in {ALWAYS:.0%} of them and more: {len(found.always)}")
+        often = [f"{machine.pair_name(k)} ({share:.1%})" for k, share in found.always]
+        out += _some(often, every)
+    if found.never:
+        out.append(
+            f"  watched, though no pose brought them within {NEVER * 1e3:g} mm: {len(found.never)}"
+        )
+        out += _some([
+            f"{machine.pair_name(k)} ({least * 1e3:.0f} mm)" for k, least in found.never
+        ], every)  # fmt: skip
+    out.append(
+        f"one check: {found.kernel * 1e6:.1f} us by kernels, {found.coal * 1e6:.0f} us by coal; "
+        f"they differ by {found.apart:.1e} m at most"
+    )
+    if found.hulls is not None:
+        n = len(found.hulls.depth)
+        hit = int((found.hulls.pair >= 0).sum())
+        out.append(
+            f"hulls of the meshes at {n} feasible poses, all pairs but neighbours: {hit} overlap"
+            + (f", {found.hulls.depth.max() * 1e3:.1f} mm at most" if hit else "")
+        )
+        out += [f"      {name}: {count} poses, {deep * 1e3:.1f} mm"
+                for name, count, deep in found.hull_pairs]  # fmt: skip
+    return out
+
+
+def _some(items: list[str], every: bool, most: int = 12) -> list[str]:
+    shown = items if every or len(items) <= most else items[:most]
+    rest = len(items) - len(shown)
+    tail = [f"      and {rest} more (--all)"] if rest else []
+    return [f"      {item}" for item in shown] + tail

@@ -1,0 +1,124 @@
+"""The third opinion: convex hulls of a robot's own meshes, in coal, over every pair of neighbours.
+
+It knows nothing of capsules nor of which pairs are watched. Only links that cannot move against
+each other, and neighbours (no other hull lies between the two in the tree), are left out.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from s3le.errors import RobotError
+from s3le.robot.model import FARTHEST, Robot, reduced
+
+LARGEST = 64 * 2**20  # [bytes] of a file of hulls
+
+
+class Depths(NamedTuple):
+    """What was found, one entry a pose."""
+
+    depth: np.ndarray  # [m], (n,), how deep the deepest pair of hulls overlaps; 0: none does
+    pair: np.ndarray  # int64 (n,), row of that pair in HullCheck.pairs; -1: none overlaps
+
+
+class HullCheck:
+    """Measures how deep hulls overlap; holds scratch space, so one per thread."""
+
+    def __init__(self, robot: Robot, file: Path | None = None) -> None:
+        """Read the hulls.
+
+        Args:
+            robot: whose poses are measured.
+            file: as onboard.hulls packs them; None: the one that the robot file names.
+
+        Raises:
+            RobotError: there is no such file, it is damaged, or names a link that is not there.
+        """
+        file = robot.description.hulls if file is None else file
+        if file is None:
+            raise RobotError(
+                f"{robot.description.source} names no hulls; s3le robot new --hulls writes them"
+            )
+        self._model, _ = reduced(robot.description)
+        self._geometry = pin.GeometryModel()
+        self.links: list[str] = []
+        for name, corners in _arrays(file).items():
+            link = name.rpartition("/")[0]
+            if not self._model.existFrame(link, pin.FrameType.BODY):
+                raise RobotError(f"{file}: '{link}' is no link of {robot.description.urdf}")
+            frame = self._model.frames[self._model.getFrameId(link, pin.FrameType.BODY)]
+            item = pin.GeometryObject(
+                name, frame.parentJoint, frame.placement, _convex(f"{file}: '{name}'", corners)
+            )
+            self._geometry.addGeometryObject(item)
+            self.links.append(link)
+        joints = [item.parentJoint for item in self._geometry.geometryObjects]
+        solid = set(joints)
+        self.pairs = [
+            (a, b)
+            for a in range(len(joints))
+            for b in range(a + 1, len(joints))
+            if joints[a] != joints[b] and solid & self._between(joints[a], joints[b])
+        ]
+        for a, b in self.pairs:
+            self._geometry.addCollisionPair(pin.CollisionPair(a, b))
+        self._data, self._scratch = self._model.createData(), pin.GeometryData(self._geometry)
+
+    def _between(self, a: int, b: int) -> set[int]:
+        """Joints on the way from one to another through the tree, neither included."""
+        up = [self._path(a), self._path(b)]
+        shared = sum(x == y for x, y in zip(*up, strict=False))
+        return {*up[0][shared - 1 :], *up[1][shared - 1 :]} - {a, b}
+
+    def _path(self, joint: int) -> list[int]:
+        path = [joint]
+        while joint > 0:
+            joint = self._model.parents[joint]
+            path.append(joint)
+        return path[::-1]
+
+    def check(self, q: np.ndarray) -> Depths:
+        """Measure poses (n, n_dof) [rad]."""
+        depth, pair = np.zeros(len(q)), np.full(len(q), -1, np.int64)
+        for i, pose in enumerate(np.ascontiguousarray(q, float)):
+            pin.computeDistances(self._model, self._data, self._geometry, self._scratch, pose)
+            found = [result.min_distance for result in self._scratch.distanceResults]
+            if found and min(found) < 0.0:
+                pair[i] = int(np.argmin(found))
+                depth[i] = -min(found)
+        return Depths(depth, pair)
+
+    def name(self, row: int) -> str:
+        """The two links of a pair."""
+        return " and ".join(self.links[k] for k in self.pairs[row])
+
+
+def _arrays(file: Path) -> dict[str, np.ndarray]:
+    try:
+        if file.stat().st_size > LARGEST:
+            raise RobotError(f"{file}: longer than the {LARGEST / 2**20:g} MiB of a file of hulls")
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, KeyError, EOFError) as error:
+        raise RobotError(f"{file}: not readable as hulls ({str(error)[:100]})") from None
+    except Exception as error:  # zipfile and zlib have errors of their own
+        raise RobotError(f"{file}: damaged ({str(error)[:100]}); write it again") from None
+    for name, corners in arrays.items():
+        good = corners.ndim == 2 and corners.shape[1:] == (3,) and len(corners) > 3
+        if not good or corners.dtype != np.float64 or not (np.abs(corners) <= FARTHEST).all():
+            raise RobotError(f"{file}: '{name}' must be corners (n, 3) within {FARTHEST:g} m")
+    return arrays
+
+
+def _convex(where: str, corners: np.ndarray) -> coal.CollisionGeometry:
+    points = coal.StdVec_Vec3s()
+    for corner in corners:
+        points.append(corner)
+    try:
+        return coal.Convex.convexHull(points, True, "Qt")
+    except (RuntimeError, ValueError) as error:
+        reason = " ".join(str(error).split())[:100]
+        raise RobotError(f"{where}: no hull of its corners can be built ({reason})") from None
