@@ -417,7 +417,7 @@ URDF_REFUSALS = {
     ),
     "another kind of file": (
         [('<robot name="arms"', '<sdf name="arms"'), ("</robot>", "</sdf>")],
-        "arms.urdf: its root is <sdf>, wanted <robot> (and no xmlns)",
+        "arms.urdf: its root is <sdf>, wanted the <robot> of a URDF (and no xmlns)",
     ),
     "shape nowhere": ([('xyz="0 0 -0.15"', 'xyz="0 nan -0.15"')], LOST),
     "negative radius": (

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from s3le.cli import shell
+from s3le.cli import options, shell
 from s3le.errors import S3leError
 
 if TYPE_CHECKING:
@@ -49,13 +49,8 @@ def audit(
         float | None,
         typer.Option(help="Rows per second [Hz].", show_default="the file's times or rate"),
     ] = None,
-    joints: Annotated[
-        str | None,
-        typer.Option(
-            help="Names of the columns, for files that have none: NAME,NAME,... or a file."
-        ),
-    ] = None,
-    degrees: Annotated[bool, typer.Option("--degrees", help="Angles are in degrees.")] = False,
+    joints: options.Joints = None,
+    degrees: options.Degrees = False,
     budget: Annotated[
         int | None,
         typer.Option(help="Poses that the proof of one path may look at.", show_default="200"),

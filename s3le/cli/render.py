@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from s3le.cli import shell, shown
+from s3le.cli import options, shell, shown
 from s3le.errors import FilmError, ParameterError
 
 STRIP = ".png"
@@ -25,12 +25,7 @@ def render(
         Path,
         typer.Option(help="strip.png, film.mp4 or film.gif; replaced.", show_default=False),
     ],
-    human: Annotated[
-        str | None,
-        typer.Option(
-            help="Clip of the human, or none.", show_default="the clip that the first file names"
-        ),
-    ] = None,
+    human: options.Human = None,
     frames: Annotated[
         int | None, typer.Option(help="Moments of a strip, evenly spread.", show_default="8")
     ] = None,
@@ -38,8 +33,8 @@ def render(
         float | None, typer.Option(help="Seconds between two moments of a strip.")
     ] = None,
     fps: Annotated[float, typer.Option(help="Pictures per second of a film [Hz].")] = 30.0,
-    begin: Annotated[float | None, typer.Option("--from", help="Begin here [s].")] = None,
-    end: Annotated[float | None, typer.Option("--to", help="End here [s].")] = None,
+    begin: options.Begin = None,
+    end: options.End = None,
     camera: Annotated[
         str | None,
         typer.Option(
@@ -52,26 +47,10 @@ def render(
         int | None,
         typer.Option(help="Width in pixels.", show_default="960; a strip 1880 without its labels"),
     ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Folder that the robot stage wrote, robot file, or name in data/robots.",
-            show_default="the one that a file names, else data/robot, else coman",
-        ),
-    ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(help="Rows per second of the files [Hz].", show_default="their own"),
-    ] = None,
-    joints: Annotated[
-        str | None,
-        typer.Option(
-            help="Names of the columns, for files that have none: NAME,NAME,... or a file."
-        ),
-    ] = None,
-    degrees: Annotated[
-        bool, typer.Option("--degrees", help="Angles of the files are in degrees.")
-    ] = False,
+    robot: options.RobotOfFiles = None,
+    rate: options.RateOfFiles = None,
+    joints: options.Joints = None,
+    degrees: options.Degrees = False,
 ) -> None:
     """Draw motions: a strip of snapshots (.png), or a film (.mp4, .gif); needs no screen, no GPU.
 

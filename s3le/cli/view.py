@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from s3le.cli import shell, shown
+from s3le.cli import options, shell, shown
 from s3le.errors import FilmError, ParameterError
 
 DENSEST = 60.0  # [Hz] of the moments that the slider knows
@@ -18,40 +18,19 @@ def view(
             help="Motions: .parquet, .csv, .npz or .npy, side by side.", show_default=False
         ),
     ],
-    human: Annotated[
-        str | None,
-        typer.Option(
-            help="Clip of the human, or none.", show_default="the clip that the first file names"
-        ),
-    ] = None,
+    human: options.Human = None,
     port: Annotated[int, typer.Option(help="Port, or the next that is free; 0: any.")] = 8080,
     host: Annotated[
         str,
         typer.Option(help="Address to serve on; 0.0.0.0 shows it to everybody on the network."),
     ] = "127.0.0.1",
     open_browser: Annotated[bool, typer.Option("--open", help="Open a browser here.")] = False,
-    begin: Annotated[float | None, typer.Option("--from", help="Begin here [s].")] = None,
-    end: Annotated[float | None, typer.Option("--to", help="End here [s].")] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Folder that the robot stage wrote, robot file, or name in data/robots.",
-            show_default="the one that a file names, else data/robot, else coman",
-        ),
-    ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(help="Rows per second of the files [Hz].", show_default="their own"),
-    ] = None,
-    joints: Annotated[
-        str | None,
-        typer.Option(
-            help="Names of the columns, for files that have none: NAME,NAME,... or a file."
-        ),
-    ] = None,
-    degrees: Annotated[
-        bool, typer.Option("--degrees", help="Angles of the files are in degrees.")
-    ] = False,
+    begin: options.Begin = None,
+    end: options.End = None,
+    robot: options.RobotOfFiles = None,
+    rate: options.RateOfFiles = None,
+    joints: options.Joints = None,
+    degrees: options.Degrees = False,
 ) -> None:
     """Look at motions in a browser: human and robots, clearance, where they were slowed or held.
 

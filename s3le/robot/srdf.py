@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 from s3le.errors import RobotError
+from s3le.robot import markup
 
 LARGEST = 4 * 2**20  # [bytes]; large ones have two hundred thousand
 
@@ -16,20 +17,9 @@ def disabled(path: Path) -> dict[frozenset[str], str]:
     """
     path = Path(path)
     try:
-        with path.open("rb") as stream:
-            data = stream.read(LARGEST + 1)
+        root = markup.read(path, LARGEST, "an SRDF")
     except OSError as error:
         raise RobotError(f"{path}: not readable ({error.strerror}); give another SRDF") from None
-    if len(data) > LARGEST:
-        raise RobotError(f"{path}: longer than the {LARGEST / 2**20:g} MiB of an SRDF")
-    if b"<!DOCTYPE" in data:
-        raise RobotError(f"{path}: a DOCTYPE is not read; write its entities out")
-    try:
-        root = ElementTree.fromstring(data)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise RobotError(f"{path}: not well-formed XML ({error})") from None
-    if root.tag != "robot":
-        raise RobotError(f"{path}: its root is <{root.tag}>, wanted the <robot> of an SRDF")
     pairs = {}
     for item in root.findall("disable_collisions"):
         one, two = item.get("link1"), item.get("link2")

@@ -14,6 +14,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from s3le.errors import RobotError
+from s3le.robot import markup
 from s3le.robot.description import Description
 
 LARGEST = 4 * 2**20  # [bytes] of a URDF; large ones have half a million
@@ -45,18 +46,7 @@ def elements(path: Path) -> ElementTree.Element:
         RobotError: not well-formed, too long, with a DOCTYPE, of another root, a misspelt name,
             or an element twice where one is read.
     """
-    with path.open("rb") as stream:
-        data = stream.read(LARGEST + 1)
-    if len(data) > LARGEST:
-        raise RobotError(f"{path}: longer than the {LARGEST / 2**20:g} MiB of a URDF")
-    if b"<!DOCTYPE" in data:
-        raise RobotError(f"{path}: a DOCTYPE is not read; write its entities out")
-    try:
-        root = ElementTree.fromstring(data)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise RobotError(f"{path}: not well-formed XML ({error})") from None
-    if root.tag != "robot":
-        raise RobotError(f"{path}: its root is <{root.tag}>, wanted <robot> (and no xmlns)")
+    root = markup.read(path, LARGEST, "a URDF")
     links, joints = root.findall("link"), root.findall("joint")
     bodies = root.findall("link/collision")
     for item in [root, *links, *joints, *bodies, *root.iterfind("link/collision/geometry")]:

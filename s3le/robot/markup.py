@@ -1,0 +1,35 @@
+"""XML of robots as elements: bounded, without entities that could grow, refused in one line."""
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+from s3le.errors import RobotError
+
+
+def read(path: Path, longest: int, what: str) -> ElementTree.Element:
+    """The root of a file, which must be <robot>.
+
+    Args:
+        path: the file.
+        longest: most bytes that are read.
+        what: what it is meant to be, for the refusal, e.g. "a URDF".
+
+    Raises:
+        RobotError: not well-formed, too long, with a DOCTYPE, or of another root.
+        OSError: not readable.
+    """
+    with path.open("rb") as stream:
+        data = stream.read(longest + 1)
+    if len(data) > longest:
+        raise RobotError(f"{path}: longer than the {longest / 2**20:g} MiB of {what}")
+    if b"<!DOCTYPE" in data:
+        raise RobotError(f"{path}: a DOCTYPE is not read; write its entities out")
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise RobotError(f"{path}: not well-formed XML ({error})") from None
+    if root.tag != "robot":
+        raise RobotError(
+            f"{path}: its root is <{root.tag}>, wanted the <robot> of {what} (and no xmlns)"
+        )
+    return root
