@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from ruamel.yaml import YAML
-from tiny import environment, good, set_params, shell
+from tiny import after_kills, environment, good, mend, set_params, shell
 
 pytestmark = pytest.mark.slow
 STAGES = (
@@ -135,15 +135,14 @@ def test_dvc_killed_at_any_moment_goes_on_to_the_bytes_of_a_calm_run(here):
         if top.poll() is None:
             top.kill()
             killed += 1
-        if top.wait() > 0:  # it was killed while it wrote its own dvc.lock, which it says
-            assert "dvc.lock' validation failed" in (here / "said").read_text()
-            good(here, "git", "checkout", "-q", "dvc.lock")
+        if top.wait() > 0:  # it was killed while it wrote a file of its own, which it says
+            mend(here, (here / "said").read_text())
         elif top.returncode == 0:
             forget(here, FIRST)  # all was done; over again
         left = {name: data for name, data in files(here, FIRST).items() if ".part" not in name}
         assert left.items() <= calm.items()
     good(here, "git", "checkout", "-q", "dvc.lock")
-    good(here, "dvc", "repro", "pair")
+    after_kills(here, "dvc", "repro", "pair")
     assert files(here, FIRST) == calm
     assert good(here, "dvc", "status", "pair").strip().endswith("up to date.")
 

@@ -15,7 +15,7 @@ from dag import readers_and_reruns
 from dvc.dependency import param
 from dvc.repo import Repo
 from ruamel.yaml import YAML
-from tiny import environment, good, ran, set_params, shell, swing
+from tiny import after_kills, environment, good, mend, ran, set_params, shell, swing
 
 from s3le.kernels import compiled
 
@@ -36,6 +36,7 @@ def table(folder: Path) -> dict[str, bytes]:
 def clean(project):
     """The project as it was after its first run, when the test is over."""
     yield project
+    (project / ".dvc" / "tmp" / "rwlock").unlink(missing_ok=True)  # half of it, if dvc was killed
     good(project, "git", "checkout", "-q", ".")
     good(project, "git", "clean", "-qfd", "reports")
     good(project, "dvc", "checkout", "-q", "--force")
@@ -243,9 +244,8 @@ def test_killed_at_random_moments_the_next_run_ends_with_the_bytes_of_a_calm_one
             time.sleep(0.05)
             below = family(psutil.Process(top.pid))
             stage = next((p for p, words in below if "pipeline.sample" in words), None)
-        if not stage:  # dvc was killed while it wrote its own dvc.lock, which it cannot read now
-            assert "dvc.lock' validation failed" in (clean / "said").read_text()
-            good(clean, "git", "checkout", "-q", "dvc.lock")
+        if not stage:  # dvc was killed while it wrote a file of its own, which it cannot read now
+            mend(clean, (clean / "said").read_text())
             continue
         time.sleep(luck.uniform(0.2, 3.5))
         victim = {"dvc": psutil.Process(top.pid) if top.poll() is None else None, "stage": stage}
@@ -258,7 +258,7 @@ def test_killed_at_random_moments_the_next_run_ends_with_the_bytes_of_a_calm_one
             shutil.rmtree(shelf)  # it was done before; all over again
         top.wait()
     good(clean, "git", "checkout", "-q", "dvc.lock")
-    good(clean, "dvc", "repro", "sample")
+    after_kills(clean, "dvc", "repro", "sample")
     assert table(clean) == calm
     assert not list((clean / "data").rglob("*.part"))
     assert good(clean, "dvc", "status", "sample").strip().endswith("up to date.")

@@ -69,6 +69,24 @@ def good(folder: Path, *command: str) -> str:
     return done.stdout + done.stderr
 
 
+def mend(folder: Path, said: str) -> None:
+    """What docs/engine.md says to do where dvc was killed while it wrote a file of its own."""
+    if "Unable to read RWLock-file" in said:
+        (folder / ".dvc" / "tmp" / "rwlock").unlink()
+    else:
+        assert "dvc.lock' validation failed" in said, said
+        good(folder, "git", "checkout", "-q", "dvc.lock")
+
+
+def after_kills(folder: Path, *command: str) -> str:
+    """A command that must do, once what the last kill left of dvc's own files is put right."""
+    done = shell(folder, *command)
+    if done.returncode:
+        mend(folder, done.stderr)
+        return good(folder, *command)
+    return done.stdout + done.stderr
+
+
 def ran(output: str) -> set[str]:
     marks = [line for line in output.splitlines() if line.startswith("Running stage '")]
     return {line.split("'")[1] for line in marks}
