@@ -18,9 +18,9 @@ import psutil
 import typer
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
-from ruamel.yaml.events import AliasEvent
 from tqdm import tqdm
 
+from s3le import plain_yaml
 from s3le.errors import ParameterError, S3leError
 from s3le.store import write_json
 
@@ -64,8 +64,8 @@ def read(params: type, path: Path = PARAMS) -> Any:
         if len(data) > LARGEST:
             raise ParameterError(f"{path} is longer than the {LARGEST / 1024:g} KiB that are read")
         text = data.decode("utf-8")
-        if any(isinstance(event, AliasEvent) for event in YAML(typ="safe").parse(text)):
-            raise ParameterError(f"{path}: YAML aliases (*name) are not read; write the value out")
+        if found := plain_yaml.objection(text):
+            raise ParameterError(f"{path}: {found}")
         tree = YAML(typ="safe").load(text)  # YAML 1.2, as DVC reads it: 1e-3 is a float
     except FileNotFoundError:
         raise ParameterError(f"{path} is missing here; run from the project's folder") from None

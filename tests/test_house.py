@@ -39,7 +39,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "trimesh": ("s3le/viewer/",),
     "av": ("s3le/movie.py",),
     "PIL": ("s3le/movie.py",),
-    "ruamel": ("s3le/robot/description.py",),
+    "ruamel": ("s3le/robot/description.py", "s3le/plain_yaml.py"),
     "ray": ("s3le/engine/cluster.py",),
     "typer": ("s3le/cli/",),
     "tqdm": ("s3le/cli/",),

@@ -301,19 +301,17 @@ def test_a_temporary_experiment_keeps_its_shards_in_the_project(clean):
     assert '"alpha": 0.7' in (new.pop() / "about.json").read_text()
 
 
-def test_another_robot_goes_from_its_urdf_through_the_whole_pipeline(clean):
+def test_another_robot_goes_from_its_urdf_to_certified_motion(clean):
     home = Path(pytest.importorskip("jvrc_description").__file__).parent
     s3le = (sys.executable, "-m", "s3le.cli")
     good(clean, *s3le, "robot", "new", str(home / "urdf" / "jvrc1.urdf"), "--name", "jvrc")
     try:
-        output = good(clean, "dvc", "exp", "run", "-S", "robot=jvrc")
-        assert {"robot", "pair", "sample", "truth", "evaluate@s3le", "report"} <= ran(output)
+        output = good(clean, "dvc", "exp", "run", "-S", "robot=jvrc", "export", "evaluate@s3le")
+        assert {"robot", "pair", "sample", "truth", "export", "evaluate@s3le"} <= ran(output)
         assert "clips" not in ran(output) and "skeletons" not in ran(output)
-        metrics = json.loads((clean / "reports/metrics.json").read_text())
-        assert metrics["run"]["robot"] == "jvrc" and metrics["run"]["vectors"] == 7
-        for part in metrics["splits"].values():
-            assert part["methods"]["s3le"]["collision_rate"] == 0.0
-            assert part["methods"]["s3le"]["limit_rate"] == 0.0
+        figures = json.loads((clean / "data/counts/evaluate-s3le.json").read_text())
+        for part in figures.values():
+            assert part["all"]["collision_rate"] == part["all"]["limit_rate"] == 0.0
         swing(clean / "wave.txt", 0.3, 12)
         good(clean, *s3le, "retarget", "wave.txt", "--out", "motions")
         assert "CERTIFIED" in good(clean, *s3le, "audit", "motions/wave.parquet")

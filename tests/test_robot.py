@@ -474,7 +474,7 @@ BOMB = "a: &a [x, x]\n" + "".join(
         (ARMS_YAML.encode() + b"name: again\n", "not readable as YAML (while constructing"),
         (ARMS_YAML.encode() + b"---\nname: b\n", "not readable as YAML (expected a single doc"),
         (BOMB.encode(), "YAML aliases (*name) are not read"),
-        (b"[" * 800 + b"]" * 800, "not readable as YAML (maximum recursion depth"),
+        (b"[" * 10_000 + b"]" * 10_000, "nested deeper than 32 levels in line 1"),
         (b"name: " + b"9" * 5000, "not readable as YAML (Exceeds the limit"),
         (b"#" * 40_000, "longer than the 32 KiB of a robot file"),
         (b"name: !!python/name:os.system ''", "not readable as YAML (could not determine a con"),

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
-from ruamel.yaml.events import AliasEvent
 
+from s3le import plain_yaml
 from s3le.errors import RobotError
 
 MAPPED = (
@@ -152,9 +152,8 @@ def read_mapping(path: Path, wanted: str, largest: int = LARGEST) -> dict:
         if len(data) > largest:
             raise RobotError(f"{path}: longer than the {largest / 1024:g} KiB of a robot file")
         text = data.decode("utf-8")
-        # Aliases have no use here, and a few lines of them unfold to more than memory holds.
-        if any(isinstance(event, AliasEvent) for event in YAML(typ="safe").parse(text)):
-            raise RobotError(f"{path}: YAML aliases (*name) are not read; write the value out")
+        if found := plain_yaml.objection(text):
+            raise RobotError(f"{path}: {found}")
         tree = YAML(typ="safe").load(text)
     except FileNotFoundError:
         known = ", ".join(sorted(p.stem for p in path.parent.glob("*.yaml"))) or "none"
