@@ -169,7 +169,9 @@ def test_dvc_on_a_full_disk_stops_with_a_line_and_goes_on_when_there_is_room(her
         done = shell(here, "dvc", "repro", "pair")
         said = done.stdout + done.stderr
         assert done.returncode != 0 and "Traceback" not in said
-        assert OUT_OF_DISK[1] in said, said
+        # Where the disk has room for the file and not for dvc's trial of a link to it, dvc says
+        # the second.
+        assert OUT_OF_DISK[1] in said or "No possible cache link types" in said, said
         assert files(here, FIRST).items() <= calm.items()
         (disk / "ballast").unlink()
     good(here, "git", "checkout", "-q", "dvc.lock")
