@@ -178,7 +178,8 @@ def draw(runs: pl.DataFrame, name: str) -> None:
         .agg(pl.col("to_truth").mean(), pl.col("frames").first())
         .rename({"motion": "clip"})
     )
-    labels = [(key, entry.label) for key, entry in ENTRIES.items()]
+    made = set(mean["method"])
+    labels = [(key, entry.label) for key, entry in ENTRIES.items() if key in made]
     title = f"{name}: distance to the ground truth per motion, mean of {runs['seed'].n_unique()}"
     bars.draw(REPORTS / f"{name}.png", mean.to_dicts(), labels, f"{title} seeds")
 
