@@ -1,14 +1,18 @@
 """From 21 numbers to a certified pose: how long it takes, part by part, and how near it comes.
 
     python benchmarks/online.py [--folder data/retargeter] [--frames 10000] [--check/--no-check]
+    python benchmarks/online.py --skeleton       # retrieval by the skeleton itself, no encoder
 
 The frames are those of data/skeletons.parquet that are not of a training clip, played over and
 over at 30 Hz. One core. Parts are timed by themselves on the same frames; the whole is
-Stream.step as a robot would call it. Nothing is asserted; times are those of this machine.
+Stream.step as a robot would call it. *Look-up and certificate* goes for the nearest of the poses
+looked up, as it is stored, under the same guard. Nothing is asserted; times are those of this
+machine.
 """
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,9 +20,9 @@ import numpy as np
 import typer
 from tuple_cost import one_core
 
-from s3le import splits, store
-from s3le.kernels import guard, segment
-from s3le.retarget import bundle
+from s3le import neighbours, splits, store
+from s3le.kernels import batch, guard, segment
+from s3le.retarget import bundle, retrieval
 from s3le.retarget.mode import Mode
 from s3le.retarget.stream import Retargeter
 from s3le.tables.skeletons import SKELETONS
@@ -31,9 +35,12 @@ def main(
     skeletons: Annotated[Path, typer.Option(help="frames")] = Path("data/skeletons.parquet"),
     frames: Annotated[int, typer.Option(help="frames to time")] = 10_000,
     check: Annotated[bool, typer.Option(help="coal at every pose")] = True,
+    skeleton: Annotated[bool, typer.Option(help="look up by the skeleton itself")] = False,
 ) -> None:
     """Print the table."""
     it = bundle.load(folder, {"check": check})
+    if skeleton:
+        it = by_skeleton(it)
     table = store.read(SKELETONS, skeletons)
     x = table["x"][splits.test_rows(table)]
     settings = it.settings
@@ -56,10 +63,54 @@ def main(
             free.append(row.wanted)
 
         say(f"whole, {frames} frames", times(step, frames))
+        say("look-up and certificate alone", times(looked_up(it, x), min(frames, 2000)))
     shares = {mode.name.lower(): modes[mode] / modes.sum() for mode in Mode if modes[mode]}
     print("\n" + ", ".join(f"{name} {share:.1%}" for name, share in shares.items()))
     print(f"mean cosine distance to the human: wanted {np.nanmean(free):.4f}, ", end="")
     print(f"after the guard {np.nanmean(far):.4f}")
+
+
+class Nearest:
+    """Of the poses that another proposes, the one whose skeleton is nearest to the human."""
+
+    def __init__(self, it: Retargeter) -> None:
+        """Ask this one."""
+        self.it, self.pose = it, it.machine.robot.anchor[None]
+
+    def propose(self, x: np.ndarray) -> np.ndarray:
+        """Nothing is sought: the pose was chosen before the stream was asked."""
+        return self.pose
+
+    def choose(self, x: np.ndarray) -> np.ndarray:
+        """The skeleton of the pose, which is then what the stream is shown."""
+        found = self.it.propose(x)
+        shown = batch.skeletons(self.it.machine.chain, found)
+        best = int(np.argmax(shown @ x))
+        self.pose = found[best : best + 1]
+        return shown[best]
+
+
+def looked_up(it: Retargeter, x: np.ndarray) -> Callable[[int], object]:
+    """The nearest stored pose of each frame, gone for as it is, certified."""
+    nearest = Nearest(it)
+    stream = Retargeter(it.machine, nearest, replace(it.settings, cutoff=0.0)).start()
+
+    def step(i: int) -> None:
+        if i % len(x) == 0:
+            stream.reset()
+        stream.step(nearest.choose(x[i % len(x)]), DT)
+
+    return step
+
+
+def by_skeleton(it: Retargeter) -> Retargeter:
+    """The same retargeter with the same poses, found by their skeletons without a network."""
+    poses = it._proposer._poses
+    index = neighbours.build(batch.skeletons(it.machine.chain, poses), "l2")
+    proposer = retrieval.LookUp(poses, index, it.settings.k, None)
+    other = Retargeter(it.machine, proposer, it.settings)
+    other.warm_up()
+    return other
 
 
 def parts(it: Retargeter, x: np.ndarray) -> dict[str, Callable[[int], object]]:

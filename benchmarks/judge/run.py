@@ -28,6 +28,7 @@ import typer
 from tqdm import tqdm
 
 from s3le import store
+from s3le.engine.key import closure
 from s3le.errors import S3leError
 
 HERE = Path(__file__).resolve().parent
@@ -118,9 +119,13 @@ def perform(court: shards.Court, seed: int, todo: Iterable[int], workers: int) -
 
 
 def key(court: shards.Court, seed: int) -> str:
-    """What decides the content of the shards: code, retargeter, clips, seed, engines."""
+    """What decides the content of the shards: code, retargeter, clips, seed, engines.
+
+    The code is what a stream runs on, and the judge's own; the readers of clips speak through
+    the frames that they gave.
+    """
     digest = hashlib.sha256()
-    for path in sorted([*(ROOT / "s3le").rglob("*.py"), *(HERE / n for n in JUDGED_BY)]):
+    for path in sorted([*closure("s3le.retarget.stream"), *(HERE / n for n in JUDGED_BY)]):
         digest.update(path.read_bytes())
     digest.update((court.folder / "retargeter.json").read_bytes())
     digest.update(json.dumps([court.digest, seed, shards.STEPS, court.versions]).encode())

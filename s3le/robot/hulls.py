@@ -80,15 +80,23 @@ class HullCheck:
             path.append(joint)
         return path[::-1]
 
+    def distances(self, q: np.ndarray) -> np.ndarray:
+        """Signed distance of every pair at poses q (n, n_dof) [rad]: (n, pairs) [m]."""
+        found = np.empty((len(q), len(self.pairs)))
+        for i, pose in enumerate(np.ascontiguousarray(q, float)):
+            pin.computeDistances(self._model, self._data, self._geometry, self._scratch, pose)
+            found[i] = [result.min_distance for result in self._scratch.distanceResults]
+        return found
+
     def check(self, q: np.ndarray) -> Depths:
         """Measure poses (n, n_dof) [rad]."""
         depth, pair = np.zeros(len(q)), np.full(len(q), -1, np.int64)
-        for i, pose in enumerate(np.ascontiguousarray(q, float)):
-            pin.computeDistances(self._model, self._data, self._geometry, self._scratch, pose)
-            found = [result.min_distance for result in self._scratch.distanceResults]
-            if found and min(found) < 0.0:
-                pair[i] = int(np.argmin(found))
-                depth[i] = -min(found)
+        if not self.pairs:
+            return Depths(depth, pair)
+        found = self.distances(q)
+        rows = np.flatnonzero(found.min(axis=1, initial=0.0) < 0.0)
+        pair[rows] = found[rows].argmin(axis=1)
+        depth[rows] = -found[rows, pair[rows]]
         return Depths(depth, pair)
 
     def name(self, row: int) -> str:
