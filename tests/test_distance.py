@@ -305,6 +305,8 @@ def test_a_pose_that_is_not_finite_has_no_clearance_and_no_certificate(bad):
     report = made.certifier().check(q)
     assert np.isnan(report.clearance).tolist() == [False, True, False]
     assert np.isnan(report.limit_margin[1]) and report.pair[1] == -1
+    one = np.array([made.certifier().one(row) for row in q])
+    assert (one[[0, 2]] == np.array(report[::2]).T[[0, 2]]).all() and np.isnan(one[1]).all()
     with pytest.raises(CertificateError) as refusal:
         certificate(made, q)
     assert str(refusal.value) == "1 of 3 poses are not feasible; row 1 is not finite"

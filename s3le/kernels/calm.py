@@ -1,4 +1,4 @@
-"""A low-pass for unit vectors that lets fast motion through; compiled.
+"""A low-pass for unit vectors that lets fast motion through, and what makes them unit; compiled.
 
 Source: Casiez, Roussel, Vogel, "1 Euro filter: a simple speed-based low-pass filter for noisy
 input in interactive systems" (CHI 2012), here for directions: filtered component by component,
@@ -10,6 +10,27 @@ import numpy as np
 from s3le.kernels.compiled import compiled
 
 _SPEED_CUTOFF = 1.0  # [Hz], of the speed that sets the cutoff
+
+
+@compiled
+def directions(x, out):
+    """Bring seven vectors x (21,) to unit length, into out (21,); False where one has none.
+
+    A component that is not finite, or beyond 1e9, and a length of 1e-9 or less, are none. What out
+    holds then does not matter.
+    """
+    for b in range(0, 21, 3):
+        square = 0.0
+        for i in range(b, b + 3):
+            if not abs(x[i]) <= 1e9:  # catches NaN
+                return False
+            square += x[i] * x[i]
+        size = np.sqrt(square)
+        if not size > 1e-9:
+            return False
+        for i in range(b, b + 3):
+            out[i] = x[i] / size
+    return True
 
 
 @compiled

@@ -16,7 +16,7 @@ import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch, guard, segment
-from s3le.kernels.calm import calm, middle
+from s3le.kernels.calm import calm, directions, middle
 from s3le.kernels.refine import LOOKUP, NOTHING
 from s3le.kernels.swept import swept
 from s3le.machine import Machine
@@ -130,10 +130,10 @@ class Stream:
             return self._go(found, how, dt, usable is None)
         if found == NOTHING:
             memory.next[:] = memory.want[:] = its.machine.robot.anchor
-        report = self._certifier.check(memory.next[None])
-        if not (report.clearance[0] >= its.machine.margin and report.limit_margin[0] >= 0.0):
+        measured, room = self._certifier.one(memory.next)
+        if not (measured >= its.machine.margin and room >= 0.0):
             raise CertificateError(self._certifier.why(memory.next, 0, its.machine.margin))
-        self._clearance = float(report.clearance[0])
+        self._clearance = measured
         self._move(dt, 0.0)
         return self._answer(Mode.START, self._clearance)
 
@@ -157,9 +157,9 @@ class Stream:
         mode = _HOW.get(how, Mode.LOOKUP if found == LOOKUP else Mode.REFINED)
         clearance = self._clearance if mode is Mode.HELD else float(memory.out[6])
         if self._check and mode is not Mode.HELD:
-            report = self._certifier.check(memory.next[None])
-            if report.clearance[0] >= machine.margin and report.limit_margin[0] >= 0.0:
-                clearance = float(report.clearance[0])
+            measured, room = self._certifier.one(memory.next)
+            if measured >= machine.margin and room >= 0.0:
+                clearance = measured
             else:  # the two engines disagree: then it is no
                 memory.next[:] = memory.q
                 memory.out[0] = clearance = self._clearance
@@ -342,10 +342,6 @@ def _directions(machine: Machine, x: np.ndarray) -> np.ndarray | None:
         raise ParameterError("a frame must hold numbers") from None
     if x.shape not in ((DIM,), (len(BONES), 3)):
         raise ParameterError(f"a frame must have shape ({DIM},) or (7, 3), got {x.shape}")
-    x = machine.seen(x.reshape(DIM)).reshape(len(BONES), 3)
-    if not np.abs(x).max() <= 1e9:  # catches NaN
-        return None
-    size = np.sqrt((x * x).sum(axis=1, keepdims=True))
-    if not size.min() > 1e-9:
-        return None
-    return (x / size).ravel()
+    x = np.ascontiguousarray(machine.seen(x.reshape(DIM)))
+    out = np.empty(DIM)
+    return out if directions(x, out) else None

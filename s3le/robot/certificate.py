@@ -77,6 +77,20 @@ class Certifier:
             margin = np.minimum(q - self._lower, self._upper - q).min(axis=1, initial=np.inf)
         return Report(clearance, pair, np.where(finite, margin, np.nan))
 
+    def one(self, q: np.ndarray) -> tuple[float, float]:
+        """Clearance [m] and least distance to a joint limit [rad] of one pose (n_dof,), as check.
+
+        Both are NaN for a pose that is not finite.
+        """
+        margin = float(np.minimum(q - self._lower, self._upper - q).min(initial=np.inf))
+        if not margin > -np.inf:  # catches NaN
+            return np.nan, np.nan
+        nearest = pin.computeDistances(
+            self._model, self._data, self._geometry, self._scratch, q
+        )
+        found = self._scratch.distanceResults[nearest].min_distance / PER_METRE
+        return found, margin
+
     def require(
         self, q: np.ndarray, margin: float, progress: Callable[[int], object] | None = None
     ) -> Report:
