@@ -24,8 +24,12 @@ from s3le.trajectory.fit import fit
 ROBOT = ["--robot", str(ROBOTS / "coman.yaml")]
 ALGEBRA = 1e-12
 # The two-armed robot with a lift, a wheel and a gripper that do not move, and a base on its side.
-LIFT = """\
-  <link name="head"/><link name="wheel"/><link name="finger"/><link name="thumb"/><link name="tag"/>
+INERTIA = (
+    '<inertial><mass value="1"/>'
+    '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+LINKS = ("head", "wheel", "finger", "thumb", "tag")
+LIFT = "".join(f'  <link name="{name}">{INERTIA}</link>\n' for name in LINKS) + """\
   <joint name="lift" type="prismatic"><parent link="chest"/><child link="head"/>
     <axis xyz="0 0 1"/><limit lower="0.1" upper="0.5" velocity="1" effort="1"/></joint>
 """
@@ -84,6 +88,9 @@ def test_joints_are_the_urdfs_in_its_order_with_their_units(crowded):
     assert [joint.unit for joint in found.joints] == ["m"] + ["rad"] * 6
     assert found.mimics == {"thumb": {"of": "grip", "at": -0.3}}
     assert found.others == {"loose": "floating"}
+    it = mujoco.MjModel.from_xml_string(CROWDED_URDF.replace("floating", "fixed"))
+    numbered = [it.joint(i).name for i in range(it.njnt)]
+    assert found.depth_first == tuple(name for name in numbered if name in ORDER) != ORDER
     one = moving(robot)
     made = whole.complete(one, robot, found)
     for column, name in enumerate(ORDER):
@@ -197,11 +204,11 @@ def played(robot, rows, free):
     said = robot.description.urdf.read_text()
     if free:
         link = root.find(robot).link
-        world = f'<link name="w"/><joint name="free" type="floating"><parent link="w"/><child link="{link}"/></joint>'  # noqa: E501
-        inertia = "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>"  # noqa: E501
+        world = '<link name="w"/><joint name="free" type="floating"><parent link="w"/>'
+        world += f'<child link="{link}"/></joint>'
         said = said.replace("</robot>", world + "</robot>")
-        said = said.replace(f'<link name="{link}"/>', f'<link name="{link}">{inertia}</link>')
-        said = said.replace(f'<link name="{link}"><coll', f'<link name="{link}">{inertia}<coll')
+        said = said.replace(f'<link name="{link}"/>', f'<link name="{link}">{INERTIA}</link>')
+        said = said.replace(f'<link name="{link}"><coll', f'<link name="{link}">{INERTIA}<coll')
     it = mujoco.MjModel.from_xml_string(said)
     data = mujoco.MjData(it)
     places = []
@@ -303,14 +310,14 @@ def test_even_rows_fill_gaps_and_cut_no_corner_at_the_clips_own_rate(turning):
 
 
 def test_where_a_corner_cannot_be_cut_even_rows_are_refused_with_the_place(monkeypatch):
-    it, time = coman(), np.arange(4) / 40
-    q = np.repeat(it.robot.anchor[None], 4, 0)
-    unproven = type("Unproven", (), {"status": np.full(2, -1)})
+    it, time = coman(), np.arange(3) / 40
+    q = np.repeat(it.robot.anchor[None], 3, 0)
+    unproven = type("Unproven", (), {"status": np.full(1, -1)})
     monkeypatch.setattr("s3le.emission.segments.certify", lambda *_: unproven)
     with pytest.raises(ParameterError, match=r"at an even 30 Hz 1 of .*, one at 0.0250 s; give a"):
         emission.evenly(it, time, q, 30.0, 0.0005)
-    unproven.status = np.full(6, -1)
-    assert len(emission.evenly(it, time, q, 80.0, 0.0005).time) == 7
+    unproven.status = np.full(4, -1)
+    assert len(emission.evenly(it, time, q, 80.0, 0.0005).time) == 5
 
 
 # --- layouts

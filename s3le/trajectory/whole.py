@@ -36,6 +36,7 @@ class Whole(NamedTuple):
     joints: tuple[Actuated, ...]  # in the order of the URDF's text
     mimics: dict[str, dict[str, Any]]  # left out: joint -> joint that it mimics, where it stands
     others: dict[str, str]  # left out: joint -> floating or planar
+    depth_first: tuple[str, ...]  # the same joints as MuJoCo numbers them
 
 
 def joints(robot: Robot) -> Whole:
@@ -46,7 +47,8 @@ def joints(robot: Robot) -> Whole:
     """
     text, at = robot.description, {name: i for i, name in enumerate(robot.joint_names)}
     found, mimics, others = [], {}, {}
-    for item in urdf.elements(text.urdf).findall("joint"):
+    items = urdf.elements(text.urdf).findall("joint")
+    for item in items:
         name, kind = item.get("name", ""), item.get("type", "")
         held = text.hold.get(name, 0.0)
         if kind == "fixed":
@@ -59,7 +61,24 @@ def joints(robot: Robot) -> Whole:
             if name not in at:
                 _refuse_beyond(robot, item, held, _UNITS[kind])
             found.append(Actuated(name, _UNITS[kind], at.get(name, -1), held))
-    return Whole(tuple(found), mimics, others)
+    names = {joint.name for joint in found}
+    order = tuple(name for name in _depth_first(items) if name in names)
+    return Whole(tuple(found), mimics, others, order)
+
+
+def _depth_first(items: list[ElementTree.Element]) -> list[str]:
+    """Joints from the root link, each with all that hangs on it before the next one beside it."""
+    below: dict[str, list[ElementTree.Element]] = {}
+    for item in items:
+        below.setdefault(item.find("parent").get("link", ""), []).append(item)
+    children = {item.find("child").get("link", "") for item in items}
+    order: list[str] = []
+    waiting = [item for link in below if link not in children for item in reversed(below[link])]
+    while waiting:
+        item = waiting.pop()
+        order.append(item.get("name", ""))
+        waiting += reversed(below.get(item.find("child").get("link", ""), []))
+    return order
 
 
 def _refuse_beyond(robot: Robot, item: ElementTree.Element, held: float, unit: str) -> None:
@@ -104,6 +123,7 @@ def tree(whole: Whole) -> dict[str, Any]:
     return {
         "moved": [joint.name for joint in whole.joints if joint.moved >= 0],
         "held": {joint.name: joint.held for joint in whole.joints if joint.moved < 0},
+        "depth_first": list(whole.depth_first),
         METRES: [joint.name for joint in whole.joints if joint.unit == METRE],
         "left_out_mimics": whole.mimics,
         "left_out_others": whole.others,
