@@ -218,7 +218,8 @@ def _one(
         files.write(written, out / f"{frames.name}{suffix}")
     for tool in shape.tools:
         to = out / f"{frames.name}{layouts.SUFFIX[tool]}"
-        layouts.write(complete, shape.base, summary["rate"], tool, to)
+        numbered = whole.numbered(complete, shape.whole)
+        layouts.write(numbered, shape.base, summary["rate"], tool, to)
     store.write_json(summary, out / f"{frames.name}.json")
     return summary
 

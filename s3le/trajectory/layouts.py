@@ -1,5 +1,7 @@
 """Motions as other tools save and read them: a free base, then every joint, at one rate.
 
+Joints come as MuJoCo numbers them, for these tools put a row into its `qpos`.
+
     gmr     walk.gmr.npz     what General Motion Retargeting pickles, as plain arrays: fps, root_pos
                              [m] (n, 3), root_rot x y z w (n, 4), dof_pos (n, all joints)
     mjlab   walk.mjlab.csv   what csv_to_npz of mjlab and of BeyondMimic reads, and Unitree's
@@ -30,7 +32,7 @@ def write(trajectory: Trajectory, base: Root, fps: float, layout: str, path: Pat
     """Write a motion in a tool's layout, whole or not at all.
 
     Args:
-        trajectory: of the whole robot, rows at one rate, with its heading.
+        trajectory: of the whole robot (whole.numbered), rows at one rate, with its heading.
         base: where the base link is.
         fps: rows per second [Hz].
         layout: one of SUFFIX.

@@ -118,6 +118,14 @@ def complete(trajectory: Trajectory, robot: Robot, whole: Whole) -> Trajectory:
     return replace(trajectory, joints=names, q=q, about=about)
 
 
+def numbered(trajectory: Trajectory, whole: Whole) -> Trajectory:
+    """A motion that `complete` made, its columns in MuJoCo's order."""
+    at = [trajectory.joints.index(name) for name in whole.depth_first]
+    q = np.ascontiguousarray(trajectory.q[:, at])
+    q.setflags(write=False)
+    return replace(trajectory, joints=whole.depth_first, q=q)
+
+
 def tree(whole: Whole) -> dict[str, Any]:
     """What a file says of its joints, as JSON can hold it."""
     return {
