@@ -173,7 +173,10 @@ def test_the_roots_quaternions_are_heading_times_base(crowded):
 )
 def test_the_base_is_so_high_that_the_lowest_body_touches_the_ground(tmp_path, shape):
     """The surface of the body by hand, sampled; everything else is higher."""
-    urdf = edited(ARMS_URDF, ('<capsule radius="0.1" length="0.3"/>', shape))
+    urdf = edited(
+        ARMS_URDF, ('<capsule radius="0.1" length="0.3"/>', shape),
+        ('xyz="0 0 0.25"', 'xyz="0 0 0.25" rpy="0.5 0.9 -0.2"'),
+    )  # fmt: skip
     robot = model.load(write_arms(tmp_path, BARE_YAML, urdf))
     kind = shape[1:].split()[0]
     sizes = [float(v) for v in " ".join(shape.split('"')[1::2]).split()]
@@ -187,16 +190,28 @@ def test_the_base_is_so_high_that_the_lowest_body_touches_the_ground(tmp_path, s
         end = np.sign(way[:, 2:]) * [0, 0, sizes[1] / 2]
         flat = way * [1, 1, 0] / np.linalg.norm(way[:, :2], axis=1, keepdims=True)
         surface = end + sizes[0] * (way if kind == "capsule" else flat)
-    below = ((surface + [0, 0, 0.25]) @ robot.base_rotation.T)[:, 2].min()
+    surface = surface @ pinocchio.rpy.rpyToMatrix(0.5, 0.9, -0.2).T + [0, 0, 0.25]
+    below = (surface @ robot.base_rotation.T)[:, 2].min()
     base = root.find(robot)
     assert base.height == pytest.approx(-below, abs=2e-5) and base.height >= -below - ALGEBRA
     assert base.because == root.STANDING
 
 
 def test_comans_soles_are_on_the_ground():
-    """Hip, thigh, shank and foot of the URDF, straight legs: numbers of its file."""
+    """By MuJoCo's reading of the URDF: corners of boxes, ends of capsules, all joints at zero."""
+    it = mujoco.MjModel.from_xml_string(coman().robot.description.urdf.read_text())
+    data = mujoco.MjData(it)
+    mujoco.mj_kinematics(it, data)
+    is_box, is_capsule = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+    assert set(it.geom_type.tolist()) == {is_box, is_capsule}
+    corners = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, 8)
+    low = []
+    for geom, kind in enumerate(it.geom_type):
+        up, size = data.geom_xmat[geom].reshape(3, 3)[2], it.geom_size[geom]
+        reach = (up * size) @ corners if kind == is_box else up[2] * size[1] * corners[2] - size[0]
+        low.append(data.geom_xpos[geom, 2] + reach.min())
     base = root.find(coman().robot)
-    assert base.link == "base_link" and 0.45 < base.height < 0.55
+    assert base.link == "base_link" and base.height == pytest.approx(-min(low), abs=1e-6)
     assert root.find(coman().robot, 0.6).height == 0.6
     for wrong in (float("nan"), 11.0):
         with pytest.raises(ParameterError, match="root height must be within 10 m"):
