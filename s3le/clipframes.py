@@ -28,7 +28,7 @@ class ClipFrames(NamedTuple):
     frame: np.ndarray  # int (m,), numbers of the usable ones
     time: np.ndarray  # [s], (m,), from the clip's first frame, usable or not
     x: np.ndarray  # (m, 21), facing forward
-    heading: np.ndarray  # [rad], (m,), the yaw that was taken out
+    heading: np.ndarray | None  # [rad], (m,), the yaw that was taken out; None: not known
     dropped: dict[str, int]  # cause -> frames
 
     @property

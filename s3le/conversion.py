@@ -21,6 +21,7 @@ from s3le.skeleton import BONES, cosine_distance
 from s3le.trajectory import trajectory
 from s3le.trajectory.trajectory import BETWEEN, Trajectory
 
+FROM_CLIP, IDENTITY = "from the clip", "identity"  # where a motion's heading comes from
 START, LEAD_IN = "start", "lead_in"  # beside the retargeter's own modes
 LONGEST_LEAD_IN = 600.0  # [s]
 
@@ -126,6 +127,7 @@ def convert(
     frames: ClipFrames,
     *,
     rate: float | None = None,
+    even: bool = False,
     lead_in: float = 0.0,
     look_ahead: bool = False,
     optimum: int = 0,
@@ -138,6 +140,7 @@ def convert(
         follower: the retargeter.
         frames: the clip.
         rate: rows per second [Hz], see emission.at_rate; None: a row a usable frame.
+        even: rows at the rate, or at the clip's own, and none between them.
         lead_in, look_ahead: see follow.
         optimum: starts of a constrained optimisation of every frame to compare with; 0: none.
         about: further words for the file's metadata.
@@ -145,9 +148,12 @@ def convert(
 
     Raises:
         CertificateError: the motion does not hold; says where first.
+        ParameterError: it cannot be told in even rows, or the rate is out of its range.
         S3leError: whatever the retargeter refuses.
     """
     machine = follower.machine
+    if rate is not None:
+        emission.check_rate(rate)  # before the work
     frames = frames._replace(x=machine.seen(frames.x))
     made = follow(follower, frames, look_ahead, lead_in, progress)
     shape = (len(made.time), machine.robot.n_dof)
@@ -158,10 +164,8 @@ def convert(
         margin_between=follower.margin_between,
         velocity=dict(zip(machine.robot.joint_names, follower.velocity.tolist(), strict=True)),
     )
-    if rate is None:
-        rows = emission.as_given(made.time, made.q)
-    else:
-        rows = emission.at_rate(machine, made.time, made.q, rate, wanted.margin_between)
+    rate = frames.fps if even and rate is None else rate
+    rows = _rows(machine, frames.name, made, rate, even, wanted.margin_between)
     margin = np.where(rows.corner >= 0, wanted.margin, wanted.margin_between)
     report = audit.audit(machine, rows.time, rows.q, wanted, margin)
     if not report.holds:
@@ -177,12 +181,14 @@ def convert(
         "clip_fps": frames.fps,
         "clip_time_offset_s": made.offset,
         "rate": rate,
+        "heading": IDENTITY if frames.heading is None else FROM_CLIP,
         "certificate": certificate,
         **(about or {}),
     }
     motion = trajectory.make(
-        frames.name, machine.robot.joint_names, rows.time, rows.q, report.clearance, mode, words
-    )
+        frames.name, machine.robot.joint_names, rows.time, rows.q, report.clearance, mode, words,
+        heading=headings(frames, rows.time - made.offset),
+    )  # fmt: skip
     summary = {
         **{key: value for key, value in words.items() if key != "certificate"},
         "certificate": certificate,
@@ -191,6 +197,38 @@ def convert(
     if optimum:
         summary["to_optimum"] = _to_optimum(machine, frames, made, optimum)
     return Converted(motion, summary)
+
+
+def _rows(
+    machine: Machine, name: str, made: Followed, rate: float | None, even: bool, between: float
+) -> Emission:
+    """The rows to be written of a clip that was followed."""
+    if rate is None:
+        return emission.as_given(made.time, made.q)
+    sample = emission.evenly if even else emission.at_rate
+    try:
+        return sample(machine, made.time, made.q, rate, between)
+    except ParameterError as refusal:
+        raise ParameterError(f"{name}: {refusal}") from None
+
+
+def headings(frames: ClipFrames, time: np.ndarray) -> np.ndarray:
+    """The yaw of the human that its features dropped, at moments of the clip.
+
+    Between two frames it goes straight; before the first and after the last one it stands. It is
+    the human's: no limit of the robot and no proof is about it.
+
+    Args:
+        frames: the clip.
+        time: moments [s], (n,), in the clip's own time.
+
+    Returns:
+        Angles about z [rad], (n,), 0 where the clip faces x, unwrapped from frame to frame; all 0
+        where the clip has none.
+    """
+    if frames.heading is None:
+        return np.zeros(len(time))
+    return np.interp(time, frames.time, np.unwrap(frames.heading))
 
 
 def summarise(

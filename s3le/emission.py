@@ -3,7 +3,7 @@
 Between certified poses the joints move straight, so every pose of that polyline is certified too,
 and a step between two samples of one straight piece lies on the proven path. A step over a corner
 cuts it: such a step is proven anew, and where it cannot be, the corner's own pose becomes a row
-of its own, between two rows of the rate.
+of its own, between two rows of the rate; or the motion is refused where rows must be even.
 """
 
 from typing import NamedTuple
@@ -46,8 +46,48 @@ def at_rate(
     Raises:
         ParameterError: rate is out of its range, or the motion too long for it.
     """
+    check_rate(rate)
+    return _sample(machine, time, q, rate, margin_between)
+
+
+def evenly(
+    machine: Machine, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
+) -> Emission:
+    """Sample a motion at a rate, with no row between two of the rate's.
+
+    Args:
+        machine, time, q, margin_between: see at_rate.
+        rate: rows per second [Hz], any that check_rate or the clip's own reader lets pass.
+
+    Raises:
+        ParameterError: a corner cannot be cut; says where, and what does instead.
+    """
+    made = _sample(machine, time, q, rate, margin_between)
+    if made.kept:
+        place = (made.time - made.time[0]) * rate
+        first = int(np.argmax(np.abs(place - np.rint(place)) > ON_CORNER / 2))
+        raise ParameterError(
+            f"at an even {rate:g} Hz {made.kept} of its poses cannot be passed by on a proven "
+            f"path, one at {made.time[first]:.4f} s; give a whole multiple of its own rate as "
+            "--rate, which passes through all of them"
+        )
+    return made
+
+
+def check_rate(rate: float) -> None:
+    """Refuse a rate outside RATES [Hz].
+
+    Raises:
+        ParameterError: it is.
+    """
     if not RATES[0] <= rate <= RATES[1]:
         raise ParameterError(f"rate must be in [{RATES[0]:g}, {RATES[1]:g}] Hz, got {rate!r}")
+
+
+def _sample(
+    machine: Machine, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
+) -> Emission:
+    """Rows at a rate, and the corners between them that could not be cut."""
     span = (time[-1] - time[0]) * rate
     if not span < MOST_ROWS:
         raise ParameterError(f"{span:.0f} rows at {rate:g} Hz; at most {MOST_ROWS} are made")

@@ -2,8 +2,8 @@
 
 In: {"x": [21 numbers]} or {"points": [[x, y, z], ...]} (ten points in metres, z up, ordered or
 keyed as skeleton.POINTS), with "dt" [s] since the last line or "t" [s]; without either the stream's
-rate holds. Out: {"t", "q", "mode", "clearance"}, or {"line", "error"}; a refused line moves nothing
-and its time is added to the next one's.
+rate holds. Out: {"t", "q", "heading", "mode", "clearance"}, or {"line", "error"}; a refused line
+moves nothing and its time is added to the next one's.
 """
 
 import json
@@ -51,6 +51,7 @@ class Live:
         self._follower, self._period, self._tilt = follower, 1.0 / rate, tilt_max
         self._checker = follower.machine.certifier()
         self._time, self._owed, self._last_t, self._number = 0.0, 0.0, None, 0
+        self._heading = 0.0  # [rad], of the last good line
         follower.start(follower.machine.robot.anchor)
 
     def greeting(self) -> str:
@@ -62,7 +63,7 @@ class Live:
                 "robot_hash": machine.robot.digest,
                 "joints": machine.robot.joint_names,
                 "q": machine.robot.anchor.tolist(),
-                "units": {"t": "s", "q": "rad", "clearance": "m"},
+                "units": {"t": "s", "q": "rad", "heading": "rad", "clearance": "m"},
                 "margin": machine.margin,
                 "margin_between": self._follower.margin_between,
             }
@@ -76,25 +77,27 @@ class Live:
         """
         self._number += 1
         try:
-            x, dt = self._frame(line)
+            x, heading, dt = self._frame(line)
             made = self._follower.step(x, dt)
         except (S3leError, ValueError) as refusal:
             words = " ".join(str(refusal).split())[:500]
             return json.dumps({"line": self._number, "error": words})
         self._owed = 0.0
         self._time += dt
+        self._heading = heading
         report = self._checker.require(made.q[None], self._follower.machine.margin)
         return json.dumps(
             {
                 "t": round(self._time, 9),
                 "q": made.q.tolist(),
+                "heading": heading,
                 "mode": made.mode,
                 "clearance": float(report.clearance[0]),
             }
         )
 
-    def _frame(self, line: bytes) -> tuple[np.ndarray, float]:
-        """A line's skeleton and the time since the last good one."""
+    def _frame(self, line: bytes) -> tuple[np.ndarray, float, float]:
+        """A line's skeleton, its heading [rad], and the time since the last good one [s]."""
         try:
             given = _parse(line)
         except ParameterError:
@@ -104,7 +107,7 @@ class Live:
         if not 0.0 < self._owed <= LONGEST_STEP:
             owed, self._owed = self._owed, 0.0
             raise ParameterError(f"{owed!r} s since the last frame; wanted above 0, below an hour")
-        return self._skeleton(given), self._owed
+        return *self._skeleton(given), self._owed
 
     def _step(self, given: dict[str, Any]) -> float:
         for key in ("dt", "t"):
@@ -128,7 +131,8 @@ class Live:
             return float(value) - last
         return self._period
 
-    def _skeleton(self, given: dict[str, Any]) -> np.ndarray:
+    def _skeleton(self, given: dict[str, Any]) -> tuple[np.ndarray, float]:
+        """Seven vectors that face forward, and the yaw that was taken out; of "x" none: 0 [rad]."""
         if ("x" in given) == ("points" in given):
             raise ParameterError('wanted either "x" (21 numbers) or "points" (ten points)')
         if "x" in given:
@@ -137,7 +141,7 @@ class Live:
             length = np.linalg.norm(bones, axis=1, keepdims=True)
             if not (np.abs(length - 1.0) <= UNIT).all():
                 raise ParameterError("x must be seven unit vectors")
-            return (bones / length).reshape(DIM)
+            return (bones / length).reshape(DIM), 0.0
         points = given["points"]
         if isinstance(points, dict):
             missing = [name for name in POINTS if name not in points]
@@ -151,7 +155,7 @@ class Live:
         if not len(kept.rows):
             cause = next(cause for cause, count in kept.dropped.items() if count)
             raise ClipError(f"this frame cannot be used ({cause})")
-        return kept.x[0]
+        return kept.x[0], float(np.unwrap([self._heading, kept.heading[0]])[1])
 
 
 def serve(live: Live, source: Iterable[bytes], say) -> None:

@@ -60,6 +60,18 @@ def test_points_in_order_or_by_name_are_the_same():
     assert by_name == in_order and "q" in by_name
 
 
+def test_the_heading_of_points_is_said_unwrapped_and_of_vectors_is_none():
+    at = np.array([anchor_points()[name] for name in POINTS])
+    stream = begun()
+    for yaw in (0.0, 2.0, 4.0, 6.0, 7.5):
+        c, s = math.cos(yaw), math.sin(yaw)
+        turned = at @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        said = sent(stream, {"points": turned.tolist()})
+        assert said["heading"] == pytest.approx(yaw, abs=1e-9)
+    assert "error" in sent(stream, {"points": [[0, 0, 0]] * 10})
+    assert sent(stream, {"x": anchor_x().tolist()})["heading"] == 0.0
+
+
 def test_times_instead_of_steps():
     stream, x = begun(), anchor_x().tolist()
     times = [sent(stream, {"x": x, "t": t})["t"] for t in (100.0, 100.5, 100.75)]

@@ -1,9 +1,11 @@
 """`s3le robot new`: what it proposes for robots of many kinds, and what it says of broken ones."""
 
 import sys
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 import pinocchio
 import pytest
@@ -19,6 +21,7 @@ from s3le.onboard import propose, source, survey
 from s3le.retargeting import ground_truth
 from s3le.robot import hulls, pairs, sense
 from s3le.skeleton import BONES, cosine_distance, features
+from s3le.trajectory import whole
 
 SIDES = {"r": "right", "l": "left"}
 ALL_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
@@ -491,6 +494,29 @@ def test_a_robot_of_a_package_goes_from_its_urdf_to_an_answer(sold, robot):
     assert made.robot.n_dof == waist + 8
     assert made.robot.base_rotation == pytest.approx(np.eye(3), abs=1e-9)
     through(made, 20)
+
+
+@pytest.mark.parametrize("robot", PACKAGES)
+def test_a_whole_robots_file_has_the_joints_of_the_urdf_that_was_read(sold, robot):
+    _, made = sold(robot)
+    tree = ElementTree.parse(urdf_of(robot)).getroot()
+    items = tree.findall("joint")
+    moves = [item for item in items if item.get("type") != "fixed"]
+    mimics = [item.get("name") for item in moves if item.find("mimic") is not None]
+    found = whole.joints(made.robot)
+    names = [item.get("name") for item in moves if item.get("name") not in mimics]
+    assert [joint.name for joint in found.joints] == names
+    assert list(found.mimics) == mimics
+    for part in tree.findall("link"):  # MuJoCo's numbers of the joints, without any mesh
+        for shape in [*part.findall("visual"), *part.findall("collision")]:
+            part.remove(shape)
+    extra = ElementTree.SubElement(tree, "mujoco")
+    ElementTree.SubElement(extra, "compiler", boundmass="1", boundinertia="1")
+    it = mujoco.MjModel.from_xml_string(ElementTree.tostring(tree, encoding="unicode"))
+    numbered = [it.joint(i).name for i in range(it.njnt)]
+    assert list(found.depth_first) == [name for name in numbered if name in names]
+    still = sum(joint.moved < 0 for joint in found.joints)
+    assert still == len(names) - made.robot.n_dof > 10
 
 
 @pytest.mark.parametrize("robot", ["jvrc"])

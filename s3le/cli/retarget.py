@@ -1,8 +1,9 @@
 """`s3le retarget`: clips in, one certified motion each out."""
 
 from collections import Counter
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -11,9 +12,18 @@ from s3le.errors import ModelError, ParameterError, S3leError
 
 if TYPE_CHECKING:
     from s3le.following import Follower
+    from s3le.trajectory.root import Root
+    from s3le.trajectory.whole import Whole
 
 MODEL = Path("data/retargeter")  # what the stage `export` writes
 STARTS = 20  # of the optimisation to compare with
+
+
+class Tool(StrEnum):
+    """Tools whose own layout is written; see s3le/trajectory/layouts.py."""
+
+    gmr = "gmr"
+    mjlab = "mjlab"
 
 
 def retarget(
@@ -34,6 +44,23 @@ def retarget(
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Also write CSV.")] = False,
     npz: Annotated[bool, typer.Option("--npz", help="Also write NPZ.")] = False,
+    full: Annotated[
+        bool,
+        typer.Option("--full", help="Write every actuated joint of the URDF, held ones included."),
+    ] = False,
+    tools: Annotated[
+        list[Tool] | None,
+        typer.Option(
+            "--for", help="Also write what this tool reads: a free base and all joints at one rate."
+        ),
+    ] = None,
+    root_height: Annotated[
+        float | None,
+        typer.Option(
+            help="Height of the base link in files --for a tool [m].",
+            show_default="the robot stands on the ground",
+        ),
+    ] = None,
     rate: Annotated[
         float | None,
         typer.Option(help="Rows per second, 30 to 1000 [Hz].", show_default="the clip's frames"),
@@ -60,14 +87,15 @@ def retarget(
 ) -> None:
     """Retarget motion files: one Parquet and one JSON summary per clip, all of it certified.
 
-    Columns: time [s], one per joint as named in the URDF [rad], clearance [m], mode. Every pose
-    is checked by coal and every path between two poses is proven before anything is written; a
-    clip that fails is named, and the others are still written.
+    Columns: time [s], one per joint as named in the URDF [rad], heading of the human [rad],
+    clearance [m], mode. Every pose is checked by coal and every path between two poses is proven
+    before anything is written; a clip that fails is named, and the others are still written.
 
     \b
     s3le retarget walk.bvh --out out
     s3le retarget 14_05.amc 14_07.amc.gz --robot coman --out out --csv --npz
     s3le retarget clips/ --out out --rate 500 --lead-in 2
+    s3le retarget walk.bvh --out out --full --for gmr --for mjlab --rate 30
     s3le audit out/*.parquet
 
     Exit status: 0 if every clip was written, 1 if one failed, 2 if nothing could begin.
@@ -79,8 +107,11 @@ def retarget(
         if robot is not None and robot != own:
             raise ModelError(f"{model} is for robot '{own}', not '{robot}'")
         suffixes = [".parquet", *[".csv"] * csv, *[".npz"] * npz]
+        shape = _shape(follower, full, tools or [], root_height)
+        _refuse_overlap(paths, suffixes, shape.tools)
         how = {
             "rate": rate,
+            "even": bool(shape.tools),
             "lead_in": lead_in,
             "look_ahead": look_ahead,
             "optimum": STARTS if optimum else 0,
@@ -89,7 +120,7 @@ def retarget(
         failed = 0
         for path in paths:
             try:
-                summary = _one(path, follower, out, suffixes, fps, tilt_max, how)
+                summary = _one(path, follower, out, suffixes, shape, fps, tilt_max, how)
             except (S3leError, OSError) as refusal:
                 shell.complain(refusal)
                 failed += 1
@@ -118,11 +149,53 @@ def _clips(given: list[Path]) -> list[Path]:
     return paths
 
 
+def _refuse_overlap(paths: list[Path], suffixes: list[str], tools: list[Tool]) -> None:
+    """Refuse clips whose files would be one another's, as those of `a` and `a.gmr`."""
+    from s3le.mocap.clip import clip_name
+    from s3le.trajectory import layouts
+
+    ends = [*suffixes, ".json", *(layouts.SUFFIX[tool] for tool in tools)]
+    ends += [f"{end}.json" for end in ends if end.endswith(".csv")]
+    writer: dict[str, Path] = {}
+    for path in paths:
+        for name in (clip_name(path) + end for end in ends):
+            if (other := writer.setdefault(name, path)) is not path:
+                raise ParameterError(f"{other} and {path} would both become {name}; write them "
+                                     "to two folders")  # fmt: skip
+
+
+class _Shape(NamedTuple):
+    """Which joints and bases are written, and for whom."""
+
+    full: bool
+    tools: list[Tool]
+    whole: "Whole | None"  # None: neither is asked for
+    base: "Root | None"
+
+
+def _shape(
+    follower: "Follower", full: bool, tools: list[Tool], root_height: float | None
+) -> _Shape:
+    """What all clips' files have in common; refuses what no clip could be written with."""
+    from s3le.trajectory import root, whole
+
+    robot = follower.machine.robot
+    if root_height is not None and not tools:
+        raise ParameterError("--root-height is of the files that --for writes; give --for too")
+    return _Shape(
+        full,
+        sorted(set(tools)),
+        whole.joints(robot) if full or tools else None,
+        root.find(robot, root_height) if tools else None,
+    )
+
+
 def _one(
     path: Path,
     follower: "Follower",
     out: Path,
     suffixes: list[str],
+    shape: _Shape,
     fps: float | None,
     tilt_max: float,
     how: dict[str, Any],
@@ -130,16 +203,25 @@ def _one(
     """Retarget one clip and write what came of it."""
     from s3le import clipframes, conversion, store
     from s3le.scene import motion
-    from s3le.trajectory import files
+    from s3le.trajectory import files, layouts, whole
 
     how = how | {"about": how["about"] | motion.about_clip(path, out)}
     frames = clipframes.read(path, follower.machine.neck, tilt_max, fps)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:
         made = conversion.convert(follower, frames, **how, progress=progress)
+    summary, written, complete = made.summary, made.trajectory, None
+    if shape.whole is not None:
+        complete = whole.complete(made.trajectory, follower.machine.robot, shape.whole)
+        written = complete if shape.full else written
+        summary = summary | {"whole": whole.tree(shape.whole)}
     for suffix in suffixes:
-        files.write(made.trajectory, out / f"{frames.name}{suffix}")
-    store.write_json(made.summary, out / f"{frames.name}.json")
-    return made.summary
+        files.write(written, out / f"{frames.name}{suffix}")
+    for tool in shape.tools:
+        to = out / f"{frames.name}{layouts.SUFFIX[tool]}"
+        numbered = whole.numbered(complete, shape.whole)
+        layouts.write(numbered, shape.base, summary["rate"], tool, to)
+    store.write_json(summary, out / f"{frames.name}.json")
+    return summary
 
 
 def _line(path: Path, summary: dict[str, Any]) -> str:

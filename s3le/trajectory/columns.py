@@ -1,7 +1,8 @@
 """What the columns or arrays of a file mean, whoever wrote it.
 
-Ours are `time`, one per joint, `clearance`, `mode`. Others call the time `t` or give a rate, and
-keep all joints in one array beside a list of names, behind a root's position and quaternion.
+Ours are `time`, one per joint, `heading`, `clearance`, `mode`. Others call the time `t` or give a
+rate, and keep all joints in one array beside a list of names, behind a root's position and
+quaternion.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from s3le.errors import TrajectoryError
-from s3le.trajectory.trajectory import CLEARANCE, MODE, TIME, Trajectory, make, times
+from s3le.trajectory.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, make, times
 
 TIMES = (TIME, "times", "t", "timestamp", "timestamps", "time_s")
 RATES = ("fps", "rate", "frame_rate", "framerate", "frequency", "hz", "mocap_framerate")
@@ -50,7 +51,7 @@ def interpret(
         key, q = found
         names, q = _columns(name, key, q, of_joints)
     else:
-        skip = {*TIMES, *RATES, *STEPS, *NUMBERING, *NAMES, CLEARANCE, MODE}
+        skip = {*TIMES, *RATES, *STEPS, *NUMBERING, *NAMES, HEADING, CLEARANCE, MODE}
         names = [key for key in table if key.lower() not in skip]
         if not names:
             raise TrajectoryError(f"{name}: has no column of a joint; it has: {_list(table)}")
@@ -65,13 +66,14 @@ def interpret(
             raise TrajectoryError(f"{name}: columns are of different lengths, {lengths}"[:300])
         q = np.stack([_numbers(name, key, table[key]) for key in names], axis=1)
     clearance, mode = _find(table, (CLEARANCE,)), _find(table, (MODE,))
+    if (heading := _find(table, (HEADING,))) is not None:
+        heading = _numbers(name, *heading)
     if clearance is not None:
         clearance = _numbers(name, *clearance)
     if mode is not None:
         mode = mode[1].astype(str) if mode[1].dtype.kind in "UT" else None
-    return make(
-        name, names, _time(name, table, len(q), fps), q, clearance, mode, about, first, row_is
-    )
+    time = _time(name, table, len(q), fps)
+    return make(name, names, time, q, clearance, mode, about, first, row_is, heading)
 
 
 def _angles(name: str, table: Mapping[str, np.ndarray]) -> Found:

@@ -16,7 +16,7 @@ from s3le.trajectory.trajectory import Trajectory
 ENDINGS = ("_pos", ".pos", "_position", "_dof", ".dof", "_rad")  # that other tools add to names
 BASE = re.compile(r"(root|base|floating_base|pelvis|free_?joint)([_. ].*)?", re.IGNORECASE)
 FREE = {*"xyz", "tx", "ty", "tz", "qw", "qx", "qy", "qz", "roll", "pitch", "yaw"}
-HELD_WITHIN = 1e-6  # [rad], how exactly a joint that stands still must be where the robot holds it
+HELD_WITHIN = 1e-6  # [rad] or [m], how exactly a joint must stand where the robot holds it
 WILD = 5.0  # so many times as far from zero as a range goes is no angle in radians
 
 
@@ -43,9 +43,8 @@ def fit(trajectory: Trajectory, robot: Robot, degrees: bool = False) -> Fitted:
             column is neither a joint nor a base.
     """
     name, notes = trajectory.name, []
-    q = np.deg2rad(trajectory.q) if degrees else trajectory.q
-    urdf = urdf_joints(robot)
-    known = {*robot.joint_names, *urdf}
+    kinds = urdf_joints(robot)
+    known = {*robot.joint_names, *kinds}
     at: dict[str, int] = {}
     for i, column in enumerate(trajectory.joints):
         joint = _joint(column, known)
@@ -54,6 +53,11 @@ def fit(trajectory: Trajectory, robot: Robot, degrees: bool = False) -> Fitted:
         if joint in at:
             raise TrajectoryError(f"{name}: '{column}' and another column are both '{joint}'")
         at[joint] = i
+    lengths = [at[joint] for joint in at if kinds.get(joint) == "prismatic"]
+    q = np.array(trajectory.q)
+    if degrees:
+        turns = np.setdiff1d(np.arange(q.shape[1]), lengths)  # metres are never degrees
+        q[:, turns] = np.deg2rad(q[:, turns])
     missing = [joint for joint in robot.joint_names if joint not in at]
     extra = [c for c in trajectory.joints if _joint(c, known) is None]
     foreign = [c for c in extra if not (BASE.fullmatch(c) or c.lower() in FREE)]
@@ -73,7 +77,8 @@ def fit(trajectory: Trajectory, robot: Robot, degrees: bool = False) -> Fitted:
         if not (off <= HELD_WITHIN).all():
             row = int(np.argmax(off))
             raise TrajectoryError(
-                f"{name}: row {row}: {joint} is {q[row, at[joint]]:.6g} rad, but the robot file "
+                f"{name}: row {row}: {joint} is {q[row, at[joint]]:.6g} "
+                f"{'m' if at[joint] in lengths else 'rad'}, but the robot file "
                 f"holds it at {held:.6g}; what it moves is not modelled"
             )
     if extra:
@@ -91,10 +96,11 @@ def fit(trajectory: Trajectory, robot: Robot, degrees: bool = False) -> Fitted:
     return Fitted(replace(trajectory, joints=tuple(robot.joint_names), q=q), notes)
 
 
-def urdf_joints(robot: Robot) -> list[str]:
-    """Names of all joints of the robot's URDF that are not fixed."""
+def urdf_joints(robot: Robot) -> dict[str, str]:
+    """Joints of the robot's URDF that are not fixed -> their types."""
     root = ElementTree.parse(robot.description.urdf).getroot()
-    return [str(j.get("name")) for j in root.findall("joint") if j.get("type") != "fixed"]
+    found = {str(j.get("name")): str(j.get("type")) for j in root.findall("joint")}
+    return {name: kind for name, kind in found.items() if kind != "fixed"}
 
 
 def _joint(column: str, known: set[str]) -> str | None:

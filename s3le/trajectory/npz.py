@@ -1,7 +1,7 @@
 """Trajectories as NPZ, for those who train policies; nothing in one is ever unpickled.
 
-Arrays `time` [s], `q` [rad] (n, n_dof), `joint_names`, `clearance` [m], `mode`, `about` (JSON
-text), and `fps` [Hz] where the steps in time are alike. `np.load(path)` reads it.
+Arrays `time` [s], `q` [rad] (n, n_dof), `joint_names`, `heading` [rad], `clearance` [m], `mode`,
+`about` (JSON text), and `fps` [Hz] where the steps in time are alike. `np.load(path)` reads it.
 """
 
 import ast
@@ -31,6 +31,7 @@ def write(trajectory: Trajectory, part: Path) -> None:
         "time": trajectory.time,
         "q": trajectory.q,
         "joint_names": np.array(trajectory.joints),
+        "heading": trajectory.heading,
         "clearance": trajectory.clearance,
         "mode": trajectory.mode,
         "fps": None if trajectory.rate is None else np.float64(trajectory.rate),

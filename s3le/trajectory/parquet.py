@@ -1,4 +1,4 @@
-"""Trajectories as Parquet: `time` [s], one column per joint [rad], `clearance` [m], `mode`.
+"""Trajectories as Parquet: `time` [s], joints [rad], `heading` [rad], `clearance` [m], `mode`.
 
 The file's metadata names the robot and its hash and holds the certificate (JSON).
 """
@@ -15,20 +15,23 @@ import pyarrow.parquet as pq
 
 from s3le.errors import TrajectoryError
 from s3le.trajectory.columns import NAMES, RATES, STEPS, interpret
-from s3le.trajectory.trajectory import CLEARANCE, MODE, TIME, Trajectory
+from s3le.trajectory.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, unit
 
 FORMAT = "trajectory 1"
 MOST_VALUES = 500_000_000  # in one file; ten hours of ten joints at 1 kHz
 PREFIX = "s3le."
+JOINT = "position of the URDF's joint"
 
 
 def write(trajectory: Trajectory, part: Path) -> None:
     """Write one file; the same trajectory gives the same bytes."""
     columns = [(TIME, trajectory.time, "s", "since the file's beginning")]
     columns += [
-        (joint, np.ascontiguousarray(trajectory.q[:, i]), "rad", "angle of the URDF's joint")
+        (joint, np.ascontiguousarray(trajectory.q[:, i]), unit(trajectory, joint), JOINT)
         for i, joint in enumerate(trajectory.joints)
     ]
+    if trajectory.heading is not None:
+        columns.append((HEADING, trajectory.heading, "rad", "yaw of the human about z, unwrapped"))
     if trajectory.clearance is not None:
         columns.append(
             (CLEARANCE, trajectory.clearance, "m", "least signed distance over the watched pairs")
@@ -39,9 +42,9 @@ def write(trajectory: Trajectory, part: Path) -> None:
         pa.field(
             name,
             pa.string() if values.dtype.kind == "U" else pa.float64(),
-            metadata={"unit": unit, "doc": doc},
+            metadata={"unit": measure, "doc": doc},
         )
-        for name, values, unit, doc in columns
+        for name, values, measure, doc in columns
     ]
     about = {f"{PREFIX}{key}": _text(value) for key, value in trajectory.about.items()}
     about |= {f"{PREFIX}format": FORMAT, f"{PREFIX}version": own_version()}

@@ -9,14 +9,15 @@ import csv
 import hashlib
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from s3le.errors import TrajectoryError
 from s3le.trajectory.columns import ANGLES, ROOT, interpret
-from s3le.trajectory.trajectory import CLEARANCE, MODE, TIME, Trajectory
+from s3le.trajectory.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, unrolled
 
 MOST_BYTES = 1 << 30
 
@@ -30,7 +31,11 @@ def encode(trajectory: Trajectory) -> str:
     """The CSV: every number in as few digits as give it back to the bit."""
     header = [TIME, *trajectory.joints]
     columns = [trajectory.time.tolist(), *trajectory.q.T.tolist()]
-    for name, values in ((CLEARANCE, trajectory.clearance), (MODE, trajectory.mode)):
+    for name, values in (
+        (HEADING, trajectory.heading),
+        (CLEARANCE, trajectory.clearance),
+        (MODE, trajectory.mode),
+    ):
         if values is not None:
             header.append(name)
             columns.append(values.tolist())
@@ -43,14 +48,20 @@ def encode(trajectory: Trajectory) -> str:
 
 def encode_side(trajectory: Trajectory, text: str) -> str:
     """What lies beside the CSV `text`."""
-    tree = {**trajectory.about, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+    return side(trajectory.about, text)
+
+
+def side(about: Mapping[str, Any], text: str) -> str:
+    """What is said about the CSV `text`, bound to it by its SHA-256."""
+    tree = {**about, "sha256": hashlib.sha256(text.encode()).hexdigest()}
     return json.dumps(tree, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 
 def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Trajectory:
     """Read ours or another tool's; fields may be parted by commas, semicolons or tabs.
 
-    Without a line of names, `joints` names the columns; those of a free base may stand before.
+    Without a line of names, `joints` names the columns, or else the side file does; those of a
+    free base may stand before.
 
     Raises:
         TrajectoryError: no text, lines of different lengths, a field that is no number, no names
@@ -75,7 +86,9 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
     except csv.Error as error:
         raise TrajectoryError(f"{path}: line 1: {error}") from None
     nameless = all(_is_number(field) for field in header)
+    about = _read_side(side_file(path), data)
     if nameless:
+        joints = _listed(about) if joints is None else joints
         rows = csv.reader(lines, delimiter=comma, strict=True)
         header = _placeholders(path, len(header), joints)
     for name in header:
@@ -88,10 +101,9 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
         for i, (name, column) in enumerate(zip(header, columns, strict=True))
     }
     if nameless:
-        table = {ANGLES[0]: np.stack(list(table.values()), axis=1)}
+        table = {ANGLES[0]: np.stack(list(table.values()), axis=1)} | _told(about, len(columns[0]))
     else:
         joints = None  # a line of names says better which column is which
-    about = _read_side(side_file(path), data)
     return interpret(str(path), table, fps, joints, about, 1 if nameless else 2, "line")
 
 
@@ -128,6 +140,24 @@ def _placeholders(path: Path, width: int, joints: Sequence[str] | None) -> list[
             f"the {ROOT} of a free base, with --joints"
         )
     return [str(i) for i in range(width)]
+
+
+def _listed(about: Mapping[str, Any]) -> list[str] | None:
+    """Names of the joints' columns as a side file lists them."""
+    names = about.get("joint_names")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        return None
+    return names
+
+
+def _told(about: Mapping[str, Any], rows: int) -> dict[str, np.ndarray]:
+    """What a side file tells of rows that have no columns for it: their rate and their modes."""
+    told, fps = {}, about.get("fps")
+    if isinstance(fps, int | float) and not isinstance(fps, bool):
+        told["fps"] = np.array(fps, float)
+    if (mode := unrolled(about.get("mode_runs"), rows)) is not None:
+        told[MODE] = mode
+    return told
 
 
 def _is_number(field: str) -> bool:

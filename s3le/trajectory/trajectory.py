@@ -9,9 +9,10 @@ import numpy as np
 
 from s3le.errors import TrajectoryError
 
-TIME, CLEARANCE, MODE = "time", "clearance", "mode"
+TIME, HEADING, CLEARANCE, MODE = "time", "heading", "clearance", "mode"
 BETWEEN = "between"  # mode of a row on the path between two poses
-RESERVED = (TIME, CLEARANCE, MODE)  # columns that are no joints
+RESERVED = (TIME, HEADING, CLEARANCE, MODE)  # columns that are no joints
+WHOLE, METRES = "whole", "in_metres"  # what a file of the whole robot says of its joints
 UNIFORM = 1e-6  # two steps are alike if they differ by no more than this share
 LONGEST_NAME = 256  # [characters] of a joint or a mode; what is longer is damage
 
@@ -23,10 +24,11 @@ class Trajectory:
     name: str  # in messages: the file, or the clip that it was made from
     joints: tuple[str, ...]  # as in the URDF
     time: np.ndarray  # [s], (n,), rising
-    q: np.ndarray  # [rad], (n, len(joints)), finite
+    q: np.ndarray  # [rad], [m] of a prismatic joint, (n, len(joints)), finite
     clearance: np.ndarray | None = None  # [m], (n,), as claimed by who made it; NaN: no claim
     mode: np.ndarray | None = None  # str (n,), how a row was obtained
     about: Mapping[str, Any] = field(default_factory=dict)  # robot, certificate, ...: what JSON can
+    heading: np.ndarray | None = None  # [rad], (n,), yaw of the base about z, unwrapped
 
     @property
     def rate(self) -> float | None:
@@ -48,6 +50,7 @@ def make(
     about: Mapping[str, Any] | None = None,
     first: int = 0,
     row_is: str = "row",
+    heading: np.ndarray | None = None,
 ) -> Trajectory:
     """A trajectory once its numbers can be believed; its arrays are read-only.
 
@@ -61,11 +64,12 @@ def make(
         about: what else is known, as JSON can hold it.
         first: number of the first row in messages.
         row_is: what a row is called in messages.
+        heading: [rad], (n,), or None.
 
     Raises:
         TrajectoryError: no rows or joints, shapes that do not fit, joint names that repeat or
-            are reserved, angles or times that are not finite, time that does not rise, or about
-            that JSON cannot hold; names the row and the joint.
+            are reserved, angles, headings or times that are not finite, time that does not
+            rise, or about that JSON cannot hold; names the row and the joint.
     """
     joints = tuple(str(joint) for joint in joints)
     _check_names(name, joints)
@@ -89,17 +93,47 @@ def make(
         )
     clearance = None if clearance is None else np.array(clearance, float)
     mode = None if mode is None else np.array(mode, str)
-    for what, column in ((CLEARANCE, clearance), (MODE, mode)):
+    heading = None if heading is None else np.array(heading, float)
+    for what, column in ((HEADING, heading), (CLEARANCE, clearance), (MODE, mode)):
         if column is not None and column.shape != (len(q),):
             raise TrajectoryError(f"{name}: {what} of shape {column.shape} for {len(q)} rows")
-    for array in (time, q, clearance, mode):
+    for row in [] if heading is None else np.flatnonzero(~np.isfinite(heading))[:1]:
+        raise TrajectoryError(f"{name}: {row_is} {first + row}: heading is {heading[row]}")
+    for array in (time, q, heading, clearance, mode):
         if array is not None:
             array.setflags(write=False)
     try:
         about = json.loads(json.dumps(dict(about or {}), allow_nan=False))
     except (TypeError, ValueError) as error:
         raise TrajectoryError(f"{name}: what is said about it is no JSON ({error})") from None
-    return Trajectory(name, joints, time, q, clearance, mode, about)
+    return Trajectory(name, joints, time, q, clearance, mode, about, heading)
+
+
+def unit(trajectory: Trajectory, joint: str) -> str:
+    """Unit of a joint's column: rad, or m where the file says that the joint is prismatic."""
+    whole = trajectory.about.get(WHOLE)
+    metres = whole.get(METRES) if isinstance(whole, dict) else None
+    return "m" if isinstance(metres, list) and joint in metres else "rad"
+
+
+def runs(mode: np.ndarray) -> list[list[Any]]:
+    """Modes of rows as pairs: the first row of each run of one mode, and the mode."""
+    first = np.flatnonzero(np.r_[True, mode[1:] != mode[:-1]])
+    return [[int(row), str(mode[row])] for row in first]
+
+
+def unrolled(pairs: Any, rows: int) -> np.ndarray | None:
+    """The modes that `runs` told, str (rows,); None where they are nothing that it tells."""
+    if not isinstance(pairs, list) or not all(isinstance(p, list) and len(p) == 2 for p in pairs):
+        return None
+    first, words = [p[0] for p in pairs], [p[1] for p in pairs]
+    if not all(type(row) is int and 0 <= row < rows for row in first) or first[:1] != [0]:
+        return None
+    length = np.diff([*first, rows])
+    if not (length > 0).all():
+        return None
+    good = all(isinstance(word, str) and len(word) <= LONGEST_NAME for word in words)
+    return np.repeat(np.array(words, str), length) if good else None
 
 
 def times(rows: int, rate: float, name: str) -> np.ndarray:
