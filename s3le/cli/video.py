@@ -142,7 +142,8 @@ def _lines(path: Path, target: Path, about: dict[str, Any], took: float) -> list
         f"{about['longest_gap_s']:.2f} s), {', '.join(breaks)}; {1e3 * took:.0f} ms a frame "
         f"({1.0 / took:.0f} a second) -> {target}"
     )
-    notes = [f"camera looks down by {about['choices']['pitch']:.1f} deg: {about['pitch_from']}"]
+    pitch = round(about["choices"]["pitch"], 1) + 0.0  # no "-0.0"
+    notes = [f"camera looks down by {pitch:.1f} deg: {about['pitch_from']}"]
     if about["turned_deg"]:
         notes.append(f"turned by {about['turned_deg']} deg, as the file asks for")
     if about["longest_step_s"] > 1.5 * about["seconds"] / (frames - 1):

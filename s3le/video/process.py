@@ -60,7 +60,7 @@ class Process:
         Raises:
             VideoError: it does not start, or speaks otherwise.
         """
-        self._answer = answer
+        self._begin, self._answer = begin, answer
         self._words = tempfile.TemporaryFile()  # a file never fills up, as a pipe would
         quiet = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3"}
         try:
@@ -170,7 +170,7 @@ class Process:
         while len(data) < count:
             left = deadline - time.monotonic()
             if not select.select([pipe], [], [], max(left, 0.0))[0]:
-                raise self._hung(what, BEGIN if what == "to start" else self._answer)
+                raise self._hung(what, self._begin if what == "to start" else self._answer)
             part = os.read(pipe, count - len(data))
             if not part:
                 raise self._dead()
