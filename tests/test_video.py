@@ -350,6 +350,14 @@ def test_times_are_the_frames_own_where_the_rate_varies(tmp_path):
     assert np.array(seen) - seen[0] == pytest.approx(times, abs=2e-3)
 
 
+def test_a_part_of_a_video_is_read_and_no_part_is_told(tmp_path):
+    path = film(tmp_path / "a.mp4", scene(25))
+    seen = [picture.time for picture in Video(path, 0.2, 0.6).pictures()]
+    assert seen == pytest.approx(np.arange(5, 16) / 25)
+    with pytest.raises(VideoError, match="nothing from 3 to inf s; it lasts 0.96 s"):
+        list(Video(path, 3.0).pictures())
+
+
 def test_a_cut_shows_in_the_picture(tmp_path):
     path = film(tmp_path / "a.mp4", scene(20) + scene(20, shade=200))
     change = np.array([picture.change for picture in Video(path).pictures()])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from s3le.cli import shell
+from s3le.cli import options, shell
 from s3le.errors import ParameterError, S3leError
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ def video(
             show_default=False,
         ),
     ],
+    begin: options.Begin = None,
+    end: options.End = None,
     pitch: Annotated[
         float | None,
         typer.Option(
@@ -70,7 +72,7 @@ def video(
     s3le video clip.mp4 --out skeletons.parquet
     s3le retarget skeletons.parquet --out motions
     s3le video phone/*.mov --out clips --visibility 0.5 --smooth 4
-    s3le video stairs.mp4 --out stairs.parquet --pitch 20 --rate 30
+    s3le video stairs.mp4 --out stairs.parquet --pitch 20 --from 3 --to 9.5
 
     Exit status: 0 if every video was written, 1 if one failed, 2 if nothing could begin.
     """  # noqa: D301
@@ -88,7 +90,7 @@ def video(
         for path, target in zip(clips, targets, strict=True):
             try:
                 with process.Process(python) as estimator:  # afresh: it remembers the last person
-                    about, took = _one(path, target, estimator, choices)
+                    about, took = _one(path, target, estimator, choices, begin, end)
             except (S3leError, OSError) as refusal:
                 shell.complain(refusal)
                 failed += 1
@@ -116,7 +118,12 @@ def _targets(clips: list[Path], out: Path) -> list[Path]:
 
 
 def _one(
-    path: Path, target: Path, estimator: "Process", choices: "Choices"
+    path: Path,
+    target: Path,
+    estimator: "Process",
+    choices: "Choices",
+    begin: float | None,
+    end: float | None,
 ) -> tuple[dict[str, Any], float]:
     """Make one file; what it says of itself, and seconds taken for each frame."""
     from s3le.video import convert
@@ -124,7 +131,7 @@ def _one(
 
     with shell.bar(Video(path).expected(), path.name, "frames") as progress:
         begun = time.perf_counter()
-        looked = convert.look(path, estimator, progress)
+        looked = convert.look(path, estimator, progress, begin, end)
         took = (time.perf_counter() - begun) / len(looked.time)
     made = convert.skeletons(looked, choices, path)
     convert.write(made, target)
@@ -155,6 +162,6 @@ def _lines(path: Path, target: Path, about: dict[str, Any], took: float) -> list
     if about["jumps"]:
         notes.append(
             "the estimator follows one person: where it jumps it may have taken another one; "
-            "cut the video to the person who is meant"
+            "give the part with the person who is meant by --from and --to"
         )
     return [line, *(f"  {note}" for note in notes)]

@@ -48,7 +48,7 @@ def write(
     Raises:
         OSError: the disk refuses; whatever stood at path still stands.
     """
-    columns = [("time", time, "s", "since the video's first frame")]
+    columns = [("time", time, "s", "since the first frame")]
     flat = np.asarray(points, float).reshape(len(time), -1)
     columns += [(name, flat[:, i], "m", "position, z up") for i, name in enumerate(COLUMNS)]
     columns += [("visibility", visibility, "-", "of the least visible point, as estimated")]

@@ -64,7 +64,7 @@ class Choices:
 class Looked(NamedTuple):
     """What an estimator said of every frame of a video."""
 
-    time: np.ndarray  # [s], (n,), from the first frame
+    time: np.ndarray  # [s], (n,), from the first frame looked at
     joints: np.ndarray  # (n, 12, 6), see estimator.Estimator
     change: np.ndarray  # (n,), see estimator.Picture
     about: dict[str, Any]  # the video and the estimator
@@ -82,7 +82,11 @@ class Skeletons(NamedTuple):
 
 
 def look(
-    path: Path | str, estimator: Estimator, progress: Callable[[int], object] | None = None
+    path: Path | str,
+    estimator: Estimator,
+    progress: Callable[[int], object] | None = None,
+    begin: float | None = None,
+    end: float | None = None,
 ) -> Looked:
     """Show every frame of a video to an estimator.
 
@@ -90,11 +94,12 @@ def look(
         path: the video.
         estimator: see estimator.Estimator.
         progress: called with numbers of frames done.
+        begin, end: see decode.Video.
 
     Raises:
         VideoError: the video cannot be read, or the estimator cannot go on.
     """
-    video, time, change, joints = Video(path), [], [], []
+    video, time, change, joints = Video(path, begin, end), [], [], []
 
     def pictures() -> Iterator[np.ndarray]:
         for picture in video.pictures():
@@ -113,6 +118,8 @@ def look(
     about = {
         "video": Path(path).name,
         "video_sha256": digest,
+        "video_from_s": begin,
+        "video_to_s": end,
         "estimator": estimator.name,
         "width": video.size[0],
         "height": video.size[1],

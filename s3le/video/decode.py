@@ -30,9 +30,17 @@ class Video:
         untimed: frames without a time of their own; they follow the one before at the mean rate.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        """Note the file; it is opened when the pictures are asked for."""
+    def __init__(
+        self, path: Path | str, begin: float | None = None, end: float | None = None
+    ) -> None:
+        """Note the file; it is opened when the pictures are asked for.
+
+        Args:
+            path: of the file.
+            begin, end: part of it that is wanted, from its first frame on [s].
+        """
         self.path = Path(path)
+        self._begin, self._end = begin or 0.0, np.inf if end is None else end
         self.rotation = 0
         self.size = 0, 0
         self.damaged = self.late = self.untimed = 0
@@ -53,8 +61,8 @@ class Video:
         """Every frame once, in the order of time.
 
         Raises:
-            VideoError: no such file, no video in it, a size or length beyond what is read, or not
-                one frame that can be decoded.
+            VideoError: no such file, no video in it, a size or length beyond what is read, not one
+                frame that can be decoded, or none in the part that is wanted.
         """
         try:
             import av
@@ -64,7 +72,7 @@ class Video:
             ) from None
         if not self.path.is_file():
             raise VideoError(f"{self.path}: no such file")
-        before, last, count = None, -np.inf, 0
+        before, first, last, count = None, None, -np.inf, 0
         try:
             with av.open(str(self.path.resolve()), options=_ONLY) as file:
                 if not file.streams.video:
@@ -78,9 +86,15 @@ class Video:
                 for frame in self._frames(file, stream, av):
                     if frame.time is None:
                         self.untimed += 1
-                    time = (last + step if count else 0.0) if frame.time is None else frame.time
+                    time = 0.0 if first is None else last + step
+                    time = time if frame.time is None else float(frame.time)
                     if not time > last:
                         self.late += 1
+                        continue
+                    first, last = time if first is None else first, time
+                    if time - first > self._end:
+                        break
+                    if time - first < self._begin:
                         continue
                     if count == MOST_FRAMES:
                         raise VideoError(
@@ -88,14 +102,19 @@ class Video:
                         )
                     small = frame.reformat(*_THUMBNAIL, format="gray").to_ndarray().astype(float)
                     change = 0.0 if before is None else np.abs(small - before).mean() / 255.0
-                    before, last, count = small, float(time), count + 1
-                    yield Picture(last, self._upright(frame), float(change))
+                    before, count = small, count + 1
+                    yield Picture(time, self._upright(frame), float(change))
         except (av.FFmpegError, OSError, EOFError) as error:
             reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
             raise VideoError(
                 f"{self.path}: is no video that can be read ({reason}); damaged, cut short, or of "
                 "another format"
             ) from None
+        if not count and first is not None:
+            raise VideoError(
+                f"{self.path}: nothing from {self._begin:g} to {self._end:g} s; it lasts "
+                f"{last - first:.2f} s"
+            )
         if not count:
             raise VideoError(
                 f"{self.path}: holds not one frame that can be decoded "
