@@ -90,14 +90,15 @@ def main(
         "frames": about["frames"],
         "fps": about["mean_fps"],
         "frames_with_person": about["frames_with_person"],
-        "rows_by_status": about["rows_by_status"],
+        "rows_known": int(np.isin(made.status, ("seen", "filled")).sum()),
         "camera_pitch_deg": round(about["choices"]["pitch"], 2),
         "camera_roll_deg": roll,
         "robot": name,
         "poses": summary["rows"]["written"],
         "to_human": summary["to_human"]["mean"],
         "clearance_m": summary["clearance_m"]["least"],
-        "certified": summary["certified"],
+        "certified_poses": summary["certified"]["poses"],
+        "certified_paths": summary["certified"]["paths"],
     }
     caption = (
         f"Frames of {path.name} with the upper body that {about['estimator']} sees in them; the "

@@ -198,11 +198,13 @@ def test_uneven_times_become_a_constant_rate():
     [
         (np.full((30, 12, 6), np.nan), {}, "nobody is seen in any of its 30 frames"),
         (person(1), {}, "single frame"),
+        (person(30), {"rate": 1e4, "last": 900.0}, "lasts 900 s.*at most 2000000"),
         (person(30), {"visibility": 0.99}, "never all visible to 0.99"),
     ],
 )
-def test_a_video_without_anybody_is_refused(joints, choices, message):
+def test_a_video_that_gives_no_skeletons_is_refused(joints, choices, message):
     time = np.arange(len(joints)) / 30.0
+    time[-1] = choices.pop("last", time[-1])
     with pytest.raises(VideoError, match=message):
         convert.skeletons(Looked(time, joints, 0 * time, {"mean_fps": 30.0}), Choices(**choices))
 
@@ -297,7 +299,7 @@ def test_a_file_that_is_cut_short_is_refused(file, cut):
 # --- films
 
 
-def film(path, pictures, times=None, turn=0, fps=25):
+def film(path, pictures, times=None, turn=0, fps=25, aspect=None):
     """A film of uint8 pictures; times [s] make its rate vary."""
     av = pytest.importorskip("av")
     from fractions import Fraction
@@ -308,6 +310,8 @@ def film(path, pictures, times=None, turn=0, fps=25):
         stream.pix_fmt, stream.codec_context.thread_count = "yuv420p", 1
         if times is not None:
             stream.codec_context.time_base = stream.time_base = Fraction(1, 1000)
+        if aspect:
+            stream.codec_context.sample_aspect_ratio = aspect
         if turn:
             stream.set_display_rotation(turn)
         for i, picture in enumerate(pictures):
@@ -341,6 +345,16 @@ def test_a_rotated_phone_is_turned_upright(tmp_path, turn, bright):
     assert rgb.shape == ((48, 64, 3) if turn in (0, 180) else (64, 48, 3))
     assert video.size == (rgb.shape[1], rgb.shape[0])
     assert rgb[bright].mean() > 180 and rgb.mean() < 130
+
+
+def test_wide_pixels_are_made_square(tmp_path):
+    video = Video(film(tmp_path / "a.mp4", scene(3), aspect=2))
+    assert {picture.rgb.shape for picture in video.pictures()} == {(48, 128, 3)}
+
+
+def test_a_large_film_is_made_smaller(tmp_path):
+    video = Video(film(tmp_path / "a.mp4", scene(2, size=(16, 2880))))
+    assert {picture.rgb.shape for picture in video.pictures()} == {(11, 1920, 3)}
 
 
 def test_times_are_the_frames_own_where_the_rate_varies(tmp_path):
@@ -451,7 +465,7 @@ GOOD = """
     for i in range(10**9):
         width, height, pixels = frame()
         if i % 3 == 2: say(w.NOBODY)
-        else: joints(*[float(i), width, height, pixels[0], 0.0, 1.0] * 12)
+        else: joints(*[float(i), width / 10, height / 10, pixels[0], 0.0, 1.0] * 12)
 """
 
 
@@ -461,7 +475,7 @@ def test_pictures_go_through_the_pipe_and_answers_come_back_in_order(tmp_path):
         assert estimator.name == "fake 1"
         answers = list(estimator.joints(iter(pictures)))
     assert len(answers) == 7 and np.isnan(answers[2]).all() and np.isnan(answers[5]).all()
-    assert answers[4][0].tolist() == [4.0, 1280.0, 720.0, 4.0, 0.0, 1.0]
+    assert answers[4][0].tolist() == [4.0, 128.0, 72.0, 4.0, 0.0, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -478,6 +492,7 @@ def test_pictures_go_through_the_pipe_and_answers_come_back_in_order(tmp_path):
         ("pipe.write(w.HEADER.pack(b'S3LV', 1, w.HELLO, 0, 0, 2**31))", "does not speak"),
         ("hello(); frame(); say(w.JOINTS, b'short'); frames.read()", "does not speak"),
         ("hello(); frame(); hello()", "does not speak"),
+        ("hello(); frame(); joints(*[1e30] * 72); frames.read()", "does not speak"),
         ("hello(); frame(); frame(); time.sleep(60)", "took more than 0.5 s to answer a frame"),
         ("hello(); time.sleep(60)", "took more than 0.5 s to take a frame"),
         ("time.sleep(60)", "took more than 0.3 s to start"),

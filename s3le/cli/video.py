@@ -129,7 +129,8 @@ def _one(
     from s3le.video import convert
     from s3le.video.decode import Video
 
-    with shell.bar(Video(path).expected(), path.name, "frames") as progress:
+    expected = Video(path).expected() if begin is None and end is None else None
+    with shell.bar(expected, path.name, "frames", "") as progress:
         begun = time.perf_counter()
         looked = convert.look(path, estimator, progress, begin, end)
         took = (time.perf_counter() - begun) / len(looked.time)

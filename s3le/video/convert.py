@@ -174,9 +174,13 @@ def skeletons(looked: Looked, choices: Choices, path: Path | str = "the video") 
     own = float(looked.about["mean_fps"])
     rate = min(own, MOST_RATE) if choices.rate is None else choices.rate
     check_rate(rate, f"{path}: its rate")
-    made = at_rate(
-        time, points, np.cumsum(broken.ends), rate, choices.fill, choices.smooth
-    )
+    most = points_parquet.MOST_ROWS
+    if time[-1] * rate > most:
+        raise VideoError(
+            f"{path}: lasts {time[-1]:.3g} s by its own times, at {rate:g} Hz that is "
+            f"{time[-1] * rate:.3g} rows, at most {most}; take a part of it, or a lower rate"
+        )
+    made = at_rate(time, points, np.cumsum(broken.ends), rate, choices.fill, choices.smooth)
     status, visibility = _status(made, time, why, least)
     known = np.isfinite(made.points).all(axis=(1, 2))
     if not known.any():

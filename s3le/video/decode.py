@@ -43,6 +43,7 @@ class Video:
         self._begin, self._end = begin or 0.0, np.inf if end is None else end
         self.rotation = 0
         self.size = 0, 0
+        self._aspect = 1.0
         self.damaged = self.late = self.untimed = 0
 
     def expected(self) -> int | None:
@@ -82,6 +83,7 @@ class Video:
                 side = max(stream.width or 0, stream.height or 0)
                 if side > LARGEST_SIDE:
                     raise VideoError(f"{self.path}: {side} pixels a side, at most {LARGEST_SIDE}")
+                self._aspect = float(stream.sample_aspect_ratio or 1.0)
                 step = 1.0 / float(stream.average_rate or stream.guessed_rate or 25)
                 for frame in self._frames(file, stream, av):
                     if frame.time is None:
@@ -141,8 +143,10 @@ class Video:
         side = max(frame.width, frame.height)
         if not 0 < side <= LARGEST_SIDE:
             raise VideoError(f"{self.path}: a frame of {frame.width} x {frame.height} pixels")
-        scale = min(1.0, LONGEST_SIDE / side)
-        width, height = (max(round(n * scale), 1) for n in (frame.width, frame.height))
+        aspect = self._aspect if 0.1 < self._aspect < 10.0 else 1.0  # wide pixels, as on a DV tape
+        wide = frame.width * aspect
+        scale = min(1.0, LONGEST_SIDE / max(wide, frame.height))
+        width, height = (max(round(n * scale), 1) for n in (wide, frame.height))
         rgb = frame.reformat(width, height, format="rgb24").to_ndarray()
         self.rotation = round(frame.rotation / 90) % 4
         rgb = np.ascontiguousarray(np.rot90(rgb, self.rotation))

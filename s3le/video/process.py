@@ -24,6 +24,7 @@ SCRIPT = Path(worker.__file__)
 BEGIN, ANSWER = 120.0, 60.0  # [s] that it may take to start, and for one frame
 _SETUP = "set it up with: make video"
 _FIELDS = 6
+_FARTHEST = 1000.0  # [m], or widths of the picture; a person is not that large
 
 
 def interpreter(environment: Path | None = None) -> Path:
@@ -145,7 +146,10 @@ class Process:
             return np.full(shape, np.nan)
         if kind != worker.JOINTS or len(payload) != 4 * shape[0] * shape[1]:
             raise self._odd()
-        return np.frombuffer(payload, "<f4").reshape(shape).astype(float)
+        joints = np.frombuffer(payload, "<f4").reshape(shape).astype(float)
+        if (np.abs(joints) > _FARTHEST).any():
+            raise self._odd()
+        return joints
 
     def _read(self, deadline: float, what: str) -> tuple[int, bytes]:
         """One message; what ends the process ends in its last words."""
