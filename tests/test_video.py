@@ -153,18 +153,36 @@ def test_a_jump_to_another_person_is_told_and_separates(gap):
     assert made(walking).about["jumps"] == 0
 
 
+def turned(joints, angle):
+    """The same, turned about the vertical by angles [rad], (n,)."""
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    out, (x, z) = joints.copy(), (joints[:, :, 0], joints[:, :, 2])
+    out[:, :, 0], out[:, :, 2] = c * x + s * z, c * z - s * x
+    return out
+
+
+OTHER_SIDE = [3, 4, 5, 0, 1, 2, 7, 6, 9, 8, 11, 10]
+
+
 def test_frames_that_take_front_for_back_are_left_out():
     joints = person(60)
-    wrong = np.r_[20:24, 40]
-    joints[wrong] = joints[wrong][:, [3, 4, 5, 0, 1, 2, 7, 6, 9, 8, 11, 10]]  # left for right
+    wrong = np.r_[20:34, 40]
+    joints[wrong] = joints[wrong][:, OTHER_SIDE]  # left for right
     out = made(joints, fill=0.0, smooth=0.0)
     assert (np.flatnonzero(out.status == "flip") == wrong).all() and out.about["flips"] == 2
-    turning = person(60)
-    angle = np.linspace(0, 2 * np.pi, 60)  # once round in two seconds
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    x, z = turning[:, :, 0].copy(), turning[:, :, 2].copy()
-    turning[:, :, 0], turning[:, :, 2] = c * x + s * z, c * z - s * x
-    assert made(turning).about["flips"] == 0
+    between = np.zeros(60)
+    between[[20, 34]] = np.radians([105.0, 80.0])  # seen half-way, there and back
+    half = turned(joints, between)
+    half[20] = turned(person(60), between)[20]
+    assert set(np.flatnonzero(made(half, fill=0.0).status == "flip")) == {*range(20, 35), 40}
+
+
+def test_who_really_turns_is_not_flipped():
+    for seconds, fps in ((2.0, 30.0), (1.0, 60.0), (2.0, 15.0)):
+        n = int(3 * seconds * fps)  # three times round
+        spin = turned(person(n), 2 * np.pi * np.arange(n) / fps / seconds)
+        out = made(spin, time=np.arange(n) / fps)
+        assert set(out.status) == {"seen"}, (seconds, fps)
 
 
 def test_the_filter_keeps_slow_motion_and_straight_lines_and_takes_noise():
@@ -482,6 +500,7 @@ def test_pictures_go_through_the_pipe_and_answers_come_back_in_order(tmp_path):
     ("body", "message"),
     [
         ("sys.exit('no module named mediapipe')", r"status 1 \(no module named mediapipe\).*make"),
+        ("print('why\\nW0000 noise', file=sys.stderr); sys.exit(3)", r"status 3 \(why\)"),
         ("hello(); frame(); os.abort()", r"ended with status -6 \(it said nothing\)"),
         ("hello(); frame(); say(w.FAILED, 'out of\\nluck'.encode())", "gave up: out of"),
         ("say(w.FAILED, b'no model')", "gave up: no model; set it up with: make video"),

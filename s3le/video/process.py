@@ -7,6 +7,7 @@ estimator that is absent, dies, hangs or says anything else ends in one line.
 
 import json
 import os
+import re
 import select
 import subprocess
 import tempfile
@@ -24,6 +25,7 @@ SCRIPT = Path(worker.__file__)
 BEGIN, ANSWER = 120.0, 60.0  # [s] that it may take to start, and for one frame
 _SETUP = "set it up with: make video"
 _FIELDS = 6
+_NOISE = re.compile(r"[IW]\d{4} |INFO: |WARNING: ")  # what MediaPipe always says
 _FARTHEST = 1000.0  # [m], or widths of the picture; a person is not that large
 
 
@@ -188,7 +190,8 @@ class Process:
             status = "none"
         self._words.seek(max(self._words.seek(0, os.SEEK_END) - 4096, 0))
         lines = self._words.read().decode("utf-8", "replace").split("\n")
-        last = next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
+        said = [line.strip() for line in lines if line.strip() and not _NOISE.match(line)]
+        last = said[-1] if said else "it said nothing"
         return VideoError(f"the estimator ended with status {status} ({last[:300]}); {_SETUP}")
 
     def _hung(self, what: str, seconds: float) -> VideoError:

@@ -24,7 +24,10 @@ _AROUND = 15  # frames to either side that say what is usual
 # Torso lengths that a torso moves in the picture at most: of an error, and per second of a sprint.
 FAR, FAST = 0.5, 15.0
 GROWS = 1.5  # how much larger or smaller it becomes from frame to frame at most
-TURNS = np.pi / 2  # [rad] by which a body turns from frame to frame, or twists, at most
+_TWISTS = np.pi / 2  # [rad] by which shoulders turn against hips at most
+_CLEAR = np.cos(np.radians(70.0))  # a body that is seen in between has no side
+_MEMORY = 0.07  # [s] over which the side that it shows is remembered
+_NEITHER = -1
 _NEAR = 0.12  # [s] beyond which two frames are too far apart to tell a jump from a motion
 
 
@@ -75,15 +78,7 @@ def breaks(time: np.ndarray, joints: np.ndarray, change: np.ndarray) -> Breaks:
     passed = [np.diff(np.cumsum(kind)[rows]) > 0 for kind in (scene, loud)]
     cut[rows[1:]] = passed[0] | (passed[1] & far)
     jump[rows[1:]] = far & ~cut[rows[1:]]
-    facing, twisted = _facing(joints[rows])
-    turned = np.einsum("ij,ij->i", facing[1:], facing[:-1]) < np.cos(TURNS)
-    parted = (since >= _NEAR) | cut[rows[1:]] | jump[rows[1:]]
-    group = np.concatenate([[0], np.cumsum(parted)])
-    # Within a group every turn is a flip, there or back: the side with fewer frames is the wrong.
-    side = np.concatenate([[0], np.cumsum(turned)]) % 2
-    count = np.stack([np.bincount(group, (side == s) & ~twisted) for s in (0, 1)])
-    wrong = side != np.argmax(count, axis=0)[group]
-    flip[rows] = (wrong | twisted) & ~cut[rows] & ~jump[rows]
+    flip[rows] = _flipped(time[rows], joints[rows], (cut | jump)[rows]) & ~(cut | jump)[rows]
     return Breaks(cut, jump, flip)
 
 
@@ -99,6 +94,37 @@ def _size(joints: np.ndarray) -> np.ndarray:
     return np.maximum(apart.max(axis=(1, 2)), 1e-6)
 
 
+def _flipped(time: np.ndarray, joints: np.ndarray, anew: np.ndarray) -> np.ndarray:
+    """Frames in which left and right, or front and back, are taken for each other, bool (n,).
+
+    The side that a body shows is compared with where it was just before, so that a frame on the
+    way from one to the other does not hide a flip. Of the two sides of a stretch the one
+    with fewer frames is the wrong one; frames that fit neither belong to none.
+    """
+    facing, twisted = _facing(joints)
+    side, group = np.full(len(time), _NEITHER), np.zeros(len(time), int)
+    usual, last, number = None, -np.inf, 0
+    for i in range(len(time)):  # each frame hangs on those before; microseconds beside estimating
+        if usual is None or anew[i] or time[i] - last > _NEAR:
+            usual, number = None, number + 1
+        group[i] = number
+        if twisted[i]:
+            continue
+        if usual is None:
+            usual, side[i] = facing[i], 0
+        else:
+            agrees = float(facing[i] @ usual)
+            if abs(agrees) < _CLEAR:
+                continue
+            side[i] = int(agrees < 0.0)
+            share = 1.0 - np.exp(-(time[i] - last) / _MEMORY)
+            usual = usual + share * (np.copysign(1.0, agrees) * facing[i] - usual)
+            usual /= max(float(np.linalg.norm(usual)), 1e-9)
+        last = time[i]
+    count = np.stack([np.bincount(group[side == s], minlength=number + 1) for s in (0, 1)])
+    return side != np.argmax(count, axis=0)[group]
+
+
 def _facing(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Right to left of each frame's body, (n, 3); and where hips and shoulders contradict."""
     hips, shoulders = (
@@ -109,7 +135,7 @@ def _facing(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
     both = hips + shoulders
     both /= np.maximum(np.linalg.norm(both, axis=1), 1e-9)[:, None]
-    return both, np.einsum("ij,ij->i", hips, shoulders) < np.cos(TURNS)
+    return both, np.einsum("ij,ij->i", hips, shoulders) < np.cos(_TWISTS)
 
 
 def ten_points(
