@@ -1,4 +1,5 @@
 # Two commands: `make repro` runs the whole pipeline, `make test` runs the tests.
+# `make video` sets up the pose estimator of `s3le video`, `make videos` fetches videos to try.
 # `make study` repeats the trainings behind reports/study, `make judge` the independent judgement
 # behind reports/judge.
 # All set up .venv by themselves; PIP_ARGS is passed to every pip call.
@@ -8,7 +9,7 @@ VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro test study judge setup lint lock
+.PHONY: repro test study judge video videos setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
@@ -25,6 +26,28 @@ study: setup
 # Resumable; a million steps take hours. ARGS="--help" says what can be chosen.
 judge: setup
 	@$(RUN) OMP_NUM_THREADS=1 python benchmarks/judge/run.py $(ARGS)
+
+# MediaPipe 0.10.21 has wheels for Python 3.9 to 3.12 and wants an older numpy than s3le: it gets
+# an environment of its own. VIDEO_PYTHON=/path/to/python3.12 names the interpreter.
+VIDEO_VENV := .venv-video
+VIDEO_PYTHON ?=
+FITS := import sys; sys.exit(not (3, 9) <= sys.version_info[:2] <= (3, 12))
+
+video: $(VIDEO_VENV)/ready
+
+$(VIDEO_VENV)/ready: requirements-video.lock
+	@for python in $(or $(VIDEO_PYTHON),python3.12 python3.11 python3.10 python3.9 $(PYTHON)); do \
+	  if $$python -c '$(FITS)' 2>/dev/null; then found=$$python; break; fi; done; \
+	if test -z "$$found"; then \
+	  echo "make: MediaPipe 0.10.21 needs Python 3.9, 3.10, 3.11 or 3.12, and none is here;" \
+	    "install one, then: make video VIDEO_PYTHON=/path/to/python3.12" >&2; exit 1; fi; \
+	echo "setting up $(VIDEO_VENV) with $$found"; \
+	rm -rf $(VIDEO_VENV) && $$found -m venv $(VIDEO_VENV)
+	@$(RUN) $(VIDEO_VENV)/bin/python -m pip install -q $(PIP_ARGS) --no-deps -r requirements-video.lock
+	@touch $@
+
+videos: setup
+	@$(RUN) python benchmarks/videos.py
 
 setup: $(READY)
 

@@ -69,3 +69,7 @@ class BundleError(S3leError):
 
 class FilmError(S3leError):
     """A picture or film cannot be made, or a viewer not opened: what is missing, what to do."""
+
+
+class VideoError(S3leError):
+    """A video cannot be read, or its people not be estimated: file, frame, reason, what to do."""

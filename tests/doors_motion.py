@@ -5,6 +5,7 @@ import io
 import json
 import math
 import re
+import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -233,6 +234,30 @@ def _door(kind: str, real: bool) -> Door:
     }[kind]()
 
 
+def _points(folder: Path) -> Any:
+    from s3le.mocap.read import read_clip
+
+    clip = read_clip(folder / "a.parquet")
+    return {"fps": clip.fps, "points": clip.points}
+
+
+def _seen() -> list[Files]:
+    from s3le.mocap import points_parquet
+
+    goods = []
+    for n, fps in ((6, 25.0), (40, 59.94)):
+        points = np.random.default_rng(n).normal(0.0, 0.3, (n, 10, 3))
+        points[n // 2] = np.nan
+        status = np.where(np.isfinite(points[:, 0, 0]), "seen", "nobody")
+        with tempfile.TemporaryDirectory() as scratch:
+            path = Path(scratch) / "a.parquet"
+            time = np.arange(n) / fps
+            points_parquet.write(path, fps, time, points, np.ones(n), status, {"video": "a.mp4"})
+            goods.append({"a.parquet": path.read_bytes()})
+    return goods
+
+
 CLIPS = {kind: partial(_door, kind, False) for kind in ("amc", "asf", "bvh", "deepmimic")}
 CLIPS["manifest"] = lambda: Door(_lists(), ("m.csv",), _manifest, _manifest_owes)
+CLIPS["points"] = lambda: Door(_seen(), ("a.parquet",), _points, exact=True)
 REAL = {f"real {kind}": partial(_door, kind, True) for kind in ("amc", "asf", "bvh", "deepmimic")}

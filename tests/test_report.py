@@ -309,6 +309,28 @@ def test_a_time_has_the_unit_that_fits(us, words):
     assert growth.time_of(us) == words
 
 
+def test_photos_stand_above_the_figures_with_what_was_seen_in_them(tmp_path):
+    x = np.tile([[0, 0, 1, 0, -1, 0, 0, 0, -1, 0, 0, -1, 0, 1, 0, 0, 0, -1, 0, 0, -1]], (2, 1))
+    rows = [strip.Row("human", skeleton=x.astype(float))]
+    blue = [np.full((40, 30, 3), (20, 60, 200), np.uint8)] * 2
+    lines = np.array([[[[5.0, 5.0], [25.0, 35.0]]]] * 2)
+    photos = strip.Photos("video", blue, lines, ["#ff0000"])
+    strip.draw(tmp_path / "with.png", np.arange(2.0), rows, "t", photos=photos)
+    strip.draw(tmp_path / "without.png", np.arange(2.0), rows, "t")
+    seen, bare = (plt_image(tmp_path / f"{name}.png") for name in ("with", "without"))
+    assert seen.shape[0] > bare.shape[0] + 100 and seen.shape[1] == bare.shape[1]
+    for colour in ((20, 60, 200), (255, 0, 0)):
+        assert (np.abs(seen - colour).max(axis=2) < 3).any(), colour
+    with pytest.raises(ParameterError, match="2 photos for 1 moments"):
+        strip.draw(tmp_path / "a.png", np.zeros(1), [], "t", photos=photos)
+
+
+def plt_image(path):
+    from matplotlib.image import imread
+
+    return np.round(imread(path)[..., :3] * 255).astype(int)
+
+
 def test_strip_takes_one_moment_a_missing_pose_and_nothing(tmp_path, coman):
     x, ends, radius, still = coman
     lost = ends[:1].copy()

@@ -2,7 +2,7 @@
 
 import typer
 
-from s3le.cli import audit, render, retarget, robot, stream, view
+from s3le.cli import audit, render, retarget, robot, stream, video, view
 from s3le.cli.shell import guarded
 
 app = typer.Typer(
@@ -15,6 +15,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("retarget", short_help="Motion files in, certified motions out.")(retarget.retarget)
+app.command("video", short_help="Plain videos in, skeletons for retarget out.")(video.video)
 app.command("audit", short_help="Check any trajectory, pose by pose and between.")(audit.audit)
 app.command("view", short_help="Look at motions in a browser.")(view.view)
 app.command("render", short_help="Motions as a strip of pictures or a film.")(render.render)

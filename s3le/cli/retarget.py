@@ -30,7 +30,8 @@ def retarget(
     clips: Annotated[
         list[Path],
         typer.Argument(
-            help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz), or folders.",
+            help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz; .parquet of "
+            "s3le video), or folders.",
             show_default=False,
         ),
     ],
@@ -134,11 +135,11 @@ def retarget(
 def _clips(given: list[Path]) -> list[Path]:
     """The files that are meant; each must have a name of its own, for its results take it."""
     from s3le.mocap.clip import clip_name
-    from s3le.mocap.read import SUFFIXES, suffix_of
+    from s3le.mocap.read import SUFFIXES, is_clip
 
     paths = []
     for path in given:
-        inside = sorted(p for p in path.glob("*") if suffix_of(p) in SUFFIXES)
+        inside = sorted(p for p in path.glob("*") if is_clip(p))
         if path.is_dir() and not inside:
             raise ParameterError(f"{path}: no motion files in it ({', '.join(SUFFIXES)})")
         paths += inside if path.is_dir() else [path]

@@ -45,14 +45,16 @@ def complain(refusal: Exception) -> None:
 
 
 @contextmanager
-def bar(total: int, what: str, unit: str = "rows") -> Iterator[Callable[[int], object]]:
+def bar(
+    total: int | None, what: str, unit: str = "rows", wait: str = "kernels compile at first use"
+) -> Iterator[Callable[[int], object]]:
     """A progress bar on a terminal, nothing elsewhere; yields what takes rows done."""
     from tqdm import tqdm
 
     with tqdm(
         total=total, desc=what, unit=f" {unit}", file=sys.stderr, disable=None, unit_scale=True
     ) as shown:
-        shown.set_postfix_str("kernels compile at first use")
+        shown.set_postfix_str(wait)
 
         def advance(rows: int) -> None:
             if shown.n == 0:

@@ -9,8 +9,10 @@ from s3le.mocap.amc import cmu_rate, read_amc, read_asf
 from s3le.mocap.bvh import read_bvh
 from s3le.mocap.clip import Clip, clip_name
 from s3le.mocap.deepmimic import read_deepmimic
+from s3le.mocap.points_parquet import is_points, read_points
 
 SUFFIXES = (".amc", ".bvh", ".json", ".txt")  # each also with .gz; .asf goes with .amc
+POINTS = ".parquet"  # of `s3le video`
 
 
 def suffix_of(path: Path | str) -> str:
@@ -22,7 +24,8 @@ def read_clip(path: Path | str, fps: float | None = None) -> Clip:
     """Read a motion file of any format known here.
 
     Args:
-        path: .amc with its .asf beside it, .bvh, or DeepMimic .txt or .json; or with .gz.
+        path: .amc with its .asf beside it, .bvh, or DeepMimic .txt or .json; or with .gz;
+            or .parquet of `s3le video`, in which frames may be NaN.
         fps: frames per second [Hz], instead of the file's own; for .amc, which has none,
             instead of CMU's 120 (60 for the subjects of amc.CMU_60_HZ).
 
@@ -43,7 +46,17 @@ def read_clip(path: Path | str, fps: float | None = None) -> Clip:
         return read_bvh(path, fps)
     if kind in (".json", ".txt"):
         return read_deepmimic(path, fps)
-    raise ClipError(f"{path}: motion files end in {', '.join(SUFFIXES)} (or these and .gz)")
+    if kind == POINTS:
+        return read_points(path, fps)
+    raise ClipError(
+        f"{path}: motion files end in {', '.join(SUFFIXES)} (or these and .gz), or {POINTS}"
+    )
+
+
+def is_clip(path: Path | str) -> bool:
+    """Whether a file in a folder is taken for a clip; robots' motions are Parquet files too."""
+    kind = suffix_of(path)
+    return kind in SUFFIXES or (kind == POINTS and is_points(path))
 
 
 def skeleton_of(path: Path | str) -> Path:

@@ -23,7 +23,7 @@ from s3le.mocap import fetch
 from s3le.mocap import manifest as manifests
 from s3le.mocap.clip import clip_name
 from s3le.mocap.manifest import SPLITS
-from s3le.mocap.read import SUFFIXES, first_bytes, suffix_of
+from s3le.mocap.read import SUFFIXES, first_bytes, is_clip, suffix_of
 from s3le.mocap.text import MAX_BYTES, looks_like, read_bytes
 
 CMU_BASE = "http://mocap.cs.cmu.edu"
@@ -285,7 +285,7 @@ def folder(path: Path) -> Sources:
             continue
         count = len(clips)
         for file in _files(path / split):
-            if suffix_of(file) not in SUFFIXES or not _is_motion(file):
+            if not is_clip(file) or not _is_motion(file):
                 if suffix_of(file) != ".asf":  # a companion, not a clip
                     ignored.append(f"{file.relative_to(path)}: not a motion file")
                 continue
@@ -311,4 +311,4 @@ def _files(top: Path) -> list[Path]:
 
 def _is_motion(file: Path) -> bool:
     """False for a .txt or .json that is no JSON, such as a readme."""
-    return suffix_of(file) in (".amc", ".bvh") or looks_like(first_bytes(file)) == "JSON text"
+    return suffix_of(file) not in (".txt", ".json") or looks_like(first_bytes(file)) == "JSON text"

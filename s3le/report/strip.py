@@ -6,17 +6,28 @@ robot is drawn from its capsules. One camera and one scale [pixels per metre] fo
 
 import textwrap
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from s3le.errors import ParameterError
 from s3le.report import solid, style
 from s3le.report.figures import Cells, Row, check, still, window
 from s3le.scene.human import FOREARM, SHOULDER, TRUNK, UPPER_ARM
 
 _LABEL, _PAD, _LINE = 196, 6, 18  # [pixels]
 _WIDEST, _FINEST = 1880, 230.0  # [pixels] for all cells together, [pixels per metre]
+
+
+class Photos(NamedTuple):
+    """Pictures of a camera above the figures, with what was seen in them."""
+
+    label: str
+    pictures: list[np.ndarray]  # uint8 (height, width, 3) each, all of one shape, one per moment
+    lines: np.ndarray  # [pixels], (n, k, 2, 2): ends (x, y) of k lines; NaN: not drawn
+    colours: list[str]  # (k,)
 
 
 def draw(
@@ -27,6 +38,7 @@ def draw(
     camera: solid.Camera = solid.USUAL,
     width: int = _WIDEST,
     painter: solid.Painter = solid.PLAIN,
+    photos: Photos | None = None,
 ) -> None:
     """Draw a strip.
 
@@ -40,22 +52,25 @@ def draw(
         camera: where all are seen from.
         width: of all cells together [pixels], at most.
         painter: what casts the rays.
+        photos: above all rows.
 
     Raises:
         ParameterError: a row has neither or both of skeleton and capsules, or an array of
-            another length or shape; names the row.
+            another length or shape; names the row. Or there is not one photo for each moment.
     """
     times = np.asarray(times, float)
     n = len(times)
     for row in rows:
         check(row, n)
+    if photos and not len(photos.pictures) == len(photos.lines) == n:
+        raise ParameterError(f"{len(photos.pictures)} photos for {n} moments")
     with style.sheet():
         if not n or not rows:
             figure = style.figure(6.0, 1.6)
             figure.text(0.02, 0.95, title, va="top", size=12, weight="bold")
             style.note(figure, "nothing to draw: no moments or no rows")
         else:
-            figure = _strip(times, rows, title, camera, width, painter)
+            figure = _strip(times, rows, title, camera, width, painter, photos)
         style.save(figure, path)
 
 
@@ -66,6 +81,7 @@ def _strip(
     camera: solid.Camera,
     widest: int,
     painter: solid.Painter,
+    photos: Photos | None,
 ) -> Figure:
     view = camera.rotation()
     n = len(times)
@@ -84,11 +100,12 @@ def _strip(
     noted = [20 if row.note is not None else 0 for row in rows]
     heights = [tall[kind] + extra for kind, extra in zip(kinds, noted, strict=True)]
 
+    seen = round(wide * np.divide(*photos.pictures[0].shape[:2])) + _PAD if photos else 0
     width = max(_LABEL + n * (wide + _PAD) + _PAD, 760)
     title = textwrap.fill(title, max(width // 16, 20))
     caption = textwrap.wrap(_caption(rows, kinds, camera), int((width - _LABEL) / 7.9))
     head = 44 + 27 * (title.count("\n") + 1)
-    height = head + sum(heights) + _PAD * len(rows) + 26 + _LINE * len(caption)
+    height = head + seen + sum(heights) + _PAD * len(rows) + 26 + _LINE * len(caption)
     figure = style.figure(width / style.DPI, height / style.DPI)
     page = _Page(figure, width, height)
     page.text(10, 10, title, size=11.0, weight="bold", va="top")
@@ -98,7 +115,15 @@ def _strip(
             x, head - 8, f"{time:.2f} s", size=8.0, ha="center", va="bottom", color=style.QUIET
         )
 
-    y = head
+    y = head + seen
+    if photos:
+        page.text(
+            _LABEL - 14, head + seen / 2, textwrap.fill(photos.label, 17),
+            size=9.0, ha="right", va="center", weight="bold",
+        )  # fmt: skip
+        for column in range(n):
+            x = _LABEL + column * (wide + _PAD)
+            page.photo(photos, column, x, head, wide, seen - _PAD)
     for row, kind, cells, extra in zip(rows, kinds, shown, noted, strict=True):
         _label(page, row, kind, y, tall[kind])
         marked = np.zeros(n, bool) if row.marked is None else np.asarray(row.marked, bool)
@@ -194,6 +219,18 @@ class _Page:
                 linewidth=1.2 if edge else 0.0,
             )
         )
+
+    def photo(self, photos: Photos, i: int, x: float, y: float, w: float, h: float) -> None:
+        """Place a picture, resampled to fit, and its lines."""
+        place = x / self.width, 1.0 - (y + h) / self.height, w / self.width, h / self.height
+        axes = self.figure.add_axes(place)
+        axes.imshow(photos.pictures[i], interpolation="antialiased", aspect="auto")
+        rows, columns = photos.pictures[i].shape[:2]
+        axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
+        axes.set_axis_off()
+        for ends, colour in zip(photos.lines[i], photos.colours, strict=True):
+            for wide, ink in ((3.0, "white"), (1.8, colour)):
+                axes.plot(*ends.T, color=ink, linewidth=wide, solid_capstyle="round")
 
     def image(self, picture: np.ndarray, x: int, y: int) -> None:
         """Place pixels one to one."""
