@@ -175,6 +175,7 @@ def convert(
         "robot_hash": machine.robot.digest,
         "clip": frames.name,
         "clip_fps": frames.fps,
+        **(frames.reading.how.about() if frames.reading else {}),
         "clip_time_offset_s": made.offset,
         "rate": rate,
         "certificate": certificate,
@@ -207,6 +208,7 @@ def summarise(
     words, counts = np.unique(made.mode, return_counts=True)
     taken = made.seconds[made.clip_from :] * 1e3
     return {
+        **({"reading": frames.reading.summary()} if frames.reading else {}),
         "frames": {
             "clip": frames.total,
             "followed": len(frames.x),

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from s3le.cli import shell
+from s3le.cli import options, shell
 from s3le.errors import ModelError, ParameterError, S3leError
 
 if TYPE_CHECKING:
     from s3le.following import Follower
+    from s3le.mocap.how import How
 
 MODEL = Path("data/retargeter")  # what the stage `export` writes
 STARTS = 20  # of the optimisation to compare with
@@ -20,7 +21,8 @@ def retarget(
     clips: Annotated[
         list[Path],
         typer.Argument(
-            help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz), or folders.",
+            help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz), 3D keypoints "
+            "(.npz, .npy, .csv, .json, .pkl, a folder of FrankMocap or OpenPose), or folders.",
             show_default=False,
         ),
     ],
@@ -57,22 +59,32 @@ def retarget(
     tilt_max: Annotated[
         float, typer.Option(help="Drop frames whose torso leans farther [deg].")
     ] = 60.0,
+    layout: options.Layout = None,
+    axes: options.Axes = None,
+    pitch: options.Pitch = None,
+    person: options.Person = None,
+    confidence: options.Confidence = None,
 ) -> None:
     """Retarget motion files: one Parquet and one JSON summary per clip, all of it certified.
 
     Columns: time [s], one per joint as named in the URDF [rad], clearance [m], mode. Every pose
     is checked by coal and every path between two poses is proven before anything is written; a
-    clip that fails is named, and the others are still written.
+    clip that fails is named, and the others are still written. What keypoints leave open (which
+    joint is which, up, tilt, unit, rate) is found in the data and said, or asked for.
 
     \b
     s3le retarget walk.bvh --out out
     s3le retarget 14_05.amc 14_07.amc.gz --robot coman --out out --csv --npz
     s3le retarget clips/ --out out --rate 500 --lead-in 2
+    s3le retarget mediapipe.npz --out out --pitch 12
+    s3le retarget joints.csv --out out --layout h36m17 --axes camera --fps 25
+    s3le retarget mocap_output/ --out out --person 0
     s3le audit out/*.parquet
 
     Exit status: 0 if every clip was written, 1 if one failed, 2 if nothing could begin.
     """  # noqa: D301
     with shell.guarded():
+        known = shell.how(layout, axes, pitch, person, confidence)
         paths = _clips(clips)
         follower = shell.follower(model, method)
         own = follower.machine.robot.name
@@ -89,7 +101,7 @@ def retarget(
         failed = 0
         for path in paths:
             try:
-                summary = _one(path, follower, out, suffixes, fps, tilt_max, how)
+                summary = _one(path, follower, out, suffixes, fps, tilt_max, known, how)
             except (S3leError, OSError) as refusal:
                 shell.complain(refusal)
                 failed += 1
@@ -103,13 +115,17 @@ def retarget(
 def _clips(given: list[Path]) -> list[Path]:
     """The files that are meant; each must have a name of its own, for its results take it."""
     from s3le.mocap.clip import clip_name
-    from s3le.mocap.read import SUFFIXES, suffix_of
+    from s3le.mocap.folders import frames_of
+    from s3le.mocap.read import READ, suffix_of
 
     paths = []
     for path in given:
-        inside = sorted(p for p in path.glob("*") if suffix_of(p) in SUFFIXES)
+        if frames_of(path):
+            paths.append(path)
+            continue
+        inside = sorted(p for p in path.glob("*") if suffix_of(p) in READ or frames_of(p))
         if path.is_dir() and not inside:
-            raise ParameterError(f"{path}: no motion files in it ({', '.join(SUFFIXES)})")
+            raise ParameterError(f"{path}: no motion files in it ({', '.join(READ)})")
         paths += inside if path.is_dir() else [path]
     counts = Counter(clip_name(path) for path in paths)
     for name, count in counts.items():
@@ -125,6 +141,7 @@ def _one(
     suffixes: list[str],
     fps: float | None,
     tilt_max: float,
+    known: "How",
     how: dict[str, Any],
 ) -> dict[str, Any]:
     """Retarget one clip and write what came of it."""
@@ -133,7 +150,9 @@ def _one(
     from s3le.trajectory import files
 
     how = how | {"about": how["about"] | motion.about_clip(path, out)}
-    frames = clipframes.read(path, follower.machine.neck, tilt_max, fps)
+    frames = clipframes.read(path, follower.machine.neck, tilt_max, fps, how=known)
+    for words in frames.reading.told if frames.reading else ():
+        typer.echo(f"{path}: note: {words}", err=True)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:
         made = conversion.convert(follower, frames, **how, progress=progress)
     for suffix in suffixes:
