@@ -136,10 +136,8 @@ def _layout(
     fit = [name for name, words in why.items() if not words]
     if len(fit) != 1:
         words = "; ".join(f"as {n}: {w or 'may be'}" for n, w in why.items())
-        raise refusal(
-            path, None,
-            f"{count} joints that {'several' if fit else 'no'} layouts explain ({words}); say which, if you know: --layout {' or '.join(able)}",
-        )  # fmt: skip
+        more = f"{count} joints that {'several' if fit else 'no'} layouts explain ({words})"
+        raise refusal(path, None, f"{more}; if you know: --layout {' or '.join(able)}")
     return fit[0], able[fit[0]], [f"layout {fit[0]}, by {count} joints"]
 
 
