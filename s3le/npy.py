@@ -15,16 +15,18 @@ import numpy as np
 
 from s3le.errors import S3leError
 
-MOST_BYTES = 4 << 30  # of one file, unpacked; ten hours of forty joints at 1 kHz
 MOST_ARRAYS = 256
 LONGEST_HEADER = 65_536  # [bytes]
+_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError
+)  # fmt: skip
 _PLAIN = "biufU"  # kinds of dtype that are data and nothing else
 
 
 def read_npz(
     path: Path,
     error: type[S3leError],
-    most: int = MOST_BYTES,
+    most: int,
     closed: list[str] | None = None,
 ) -> dict[str, np.ndarray]:
     """Every array of an archive by its name, read-only.
@@ -55,12 +57,12 @@ def read_npz(
                     closed.append(name)
                 else:
                     arrays[name] = read
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as damage:
+    except _DAMAGE as damage:
         raise error(f"{path}: is no sound NPZ ({_line(damage)})") from None
     return arrays
 
 
-def read_npy(path: Path, error: type[S3leError], most: int = MOST_BYTES) -> np.ndarray:
+def read_npy(path: Path, error: type[S3leError], most: int) -> np.ndarray:
     """The one array of a file, read-only.
 
     Raises:

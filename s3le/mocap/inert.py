@@ -210,6 +210,10 @@ def _encode(text: Any, encoding: Any = "latin1") -> bytes:
     return _of(text, str).encode("latin-1")
 
 
+def _no_bytes() -> bytes:
+    return b""
+
+
 def _ordered(*given: Any) -> dict[Any, Any]:
     pairs = [_of(pair, (list, tuple)) for pair in given[0]] if given else []
     return OrderedDict(_pairs([value for pair in pairs for value in pair]))
@@ -273,6 +277,8 @@ _KNOWN: dict[str, Callable[..., Any] | None] = {
     "numpy.core.numeric._frombuffer": _frombuffer,
     "collections.OrderedDict": _ordered,
     "_codecs.encode": _encode,
+    "__builtin__.bytes": _no_bytes,  # how protocol 2 writes none
+    "builtins.bytes": _no_bytes,
     "torch._utils._rebuild_tensor_v2": _closed,
     "torch.storage._load_from_bytes": _closed,
 }

@@ -54,6 +54,8 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
         raise refusal(path, None, "no frames")
     with np.errstate(invalid="ignore"):
         joints = np.where(np.abs(joints) < 1e12, joints, np.nan)  # so that no square overflows
+    if not np.isfinite(joints).all(axis=2).any():
+        raise refusal(path, None, f"not one of {len(joints)} frames has a joint that is known")
     name, layout, told = _layout(path, found, how, joints)
     points = pick(joints, layout.points)
     told += _hide(points, layout, found.confidence, how)

@@ -15,6 +15,8 @@ from s3le.errors import TrajectoryError
 from s3le.trajectory.columns import ANGLES, interpret
 from s3le.trajectory.trajectory import Trajectory
 
+MOST_BYTES = 4 << 30  # of one file, unpacked; ten hours of forty joints at 1 kHz
+
 
 def write(trajectory: Trajectory, part: Path) -> None:
     """Write one file; the same trajectory gives the same bytes."""
@@ -37,7 +39,7 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
     Raises:
         TrajectoryError: what s3le.npy or interpret refuses.
     """
-    arrays = npy.read_npz(path, TrajectoryError)
+    arrays = npy.read_npz(path, TrajectoryError, MOST_BYTES)
     about = _about(arrays.pop("about", None))
     return interpret(str(path), arrays, fps, joints, about)
 
@@ -48,7 +50,7 @@ def read_npy(path: Path, fps: float | None, joints: Sequence[str] | None) -> Tra
     Raises:
         TrajectoryError: as read.
     """
-    array = npy.read_npy(path, TrajectoryError)
+    array = npy.read_npy(path, TrajectoryError, MOST_BYTES)
     return interpret(str(path), {ANGLES[0]: array}, fps, joints)
 
 
