@@ -119,7 +119,7 @@ def _header(
     if length > LONGEST_HEADER:
         raise error(f"{name} is no array of numpy's (a header of {length} bytes)")
     try:
-        header = ast.literal_eval(stream.read(length).decode().strip())
+        header = ast.literal_eval(stream.read(length).decode().strip(" \n"))
         shape, fortran = header["shape"], header["fortran_order"]
         dtype = np.dtype(header["descr"])
     except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError) as damage:

@@ -48,6 +48,7 @@ class Found(NamedTuple):
     what: str  # for people
     layout: str | None = None  # known from the key
     person: int | None = None
+    axes: str | None = None  # known from the format
 
 
 def find(path: Path | str, tree: Any, how: How) -> Found:

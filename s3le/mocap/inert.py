@@ -17,6 +17,7 @@ import numpy as np
 
 from s3le.errors import ClipError
 
+HIGHEST = 5  # protocol
 MOST_STEPS = 400_000  # instructions of one file; a result of one frame has some hundreds
 _DTYPE = {"b1", *(f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)), "f2", "f4", "f8"}
 
@@ -97,8 +98,12 @@ def _run(data: bytes) -> tuple[Any, int]:
             stack.append(_CONSTANT[name])
         elif name in _MADE:
             stack.append(_MADE[name]())
-        elif name in ("PROTO", "FRAME"):
-            continue
+        elif name == "FRAME":
+            if place + 9 + argument > len(data):
+                raise _Refused("is no sound pickle (a frame of it is cut)")
+        elif name == "PROTO":
+            if argument > HIGHEST:
+                raise _Refused(f"is no sound pickle (protocol {argument})")
         elif name == "MARK":
             marks.append(len(stack))
         elif name in ("GLOBAL", "STACK_GLOBAL"):
@@ -247,8 +252,8 @@ def _reduced(name: Any, given: tuple) -> Any:
 
 def _filled(state: Any) -> np.ndarray:
     """The array that numpy's own words for it make."""
-    _, shape, kind, fortran, data = _of(state, tuple)
-    if not isinstance(kind, _Type) or isinstance(data, list):
+    version, shape, kind, fortran, data = _of(state, tuple)
+    if version != 1 or not isinstance(kind, _Type) or isinstance(data, list):
         raise _Refused("refused, an array of it holds objects, not numbers")
     return _numbers(kind, shape, _bytes(data), "F" if fortran else "C")
 
@@ -256,8 +261,8 @@ def _filled(state: Any) -> np.ndarray:
 def _build(what: Any, state: Any) -> None:
     """Give a dtype its byte order."""
     if isinstance(what, _Type):
-        _, order, *rest = _of(state, tuple)
-        if order not in ("<", ">", "|", "=") or any(part is not None for part in rest[:3]):
+        version, order, *rest = _of(state, tuple)
+        if version != 3 or order not in ("<", ">", "|", "=") or any(part is not None for part in rest[:3]):
             raise _Refused("refused, an array of it holds something else than numbers")
         if order in "<>":
             what.dtype = what.dtype.newbyteorder(order)

@@ -15,6 +15,7 @@ from s3le.mocap import inert, upright
 from s3le.mocap.clip import FPS_RANGE, Clip, Reading, at_constant_rate, make_clip
 from s3le.mocap.folders import read_frames
 from s3le.mocap.found import Found, find
+from s3le.mocap.gltf import read_gltf
 from s3le.mocap.how import CONFIDENCE, How
 from s3le.mocap.layouts import LAYOUTS, Layout, by_names, for_size, pick
 from s3le.mocap.text import MAX_BYTES, listed, looks_like, read_bytes, refusal
@@ -62,6 +63,7 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
     seen = np.isfinite(points).all(axis=(1, 2))
     if not seen.any():
         raise refusal(path, None, f"not one of {len(points)} frames has all joints{_why(found)}")
+    how = how._replace(axes=how.axes or found.axes)
     made = upright.stand(str(path), joints, layout, points, how)
     rate, points, words = _rate(path, made.points, found, fps)
     told += [*made.told, *words]
@@ -83,6 +85,8 @@ def _read(path: Path, how: How) -> Found:
         return find(path, read_csv(path), how)
     if kind == ".json":
         return find(path, read_json(path), how)
+    if kind in (".glb", ".gltf"):
+        return read_gltf(path)
     if kind in (".pkl", ".pickle"):
         data = read_bytes(path, LARGEST)
         if not data:

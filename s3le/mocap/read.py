@@ -16,20 +16,20 @@ from s3le.mocap.keypoints import read_keypoints
 from s3le.mocap.text import read_bytes
 
 SUFFIXES = (".amc", ".bvh", ".json", ".txt")  # each also with .gz; .asf goes with .amc
-KEYPOINTS = (".npz", ".npy", ".csv", ".pkl", ".pickle")  # of estimators, as .json may be
+# Of estimators, as .json may be; and skeletons of scenes.
+KEYPOINTS = (".npz", ".npy", ".csv", ".pkl", ".pickle", ".glb", ".gltf")
 READ = (*SUFFIXES, *KEYPOINTS)
-_BLENDER = (
-    "export it to BVH in Blender: blender -b --python-expr \"import bpy; "
-    "bpy.ops.{load}(filepath='{name}'); "
-    "bpy.ops.export_anim.bvh(filepath='{stem}.bvh', root_transform_only=True)\""
+_MARKERS = (
+    "markers lie on the skin, and joint centres need a model of the body: take the trial's .amc or "
+    ".bvh, or compute the centres elsewhere and give them as .csv with named joints"
 )
 ROUTES = {  # formats that are not read, and the way round
-    ".fbx": _BLENDER.replace("{load}", "import_scene.fbx"),
-    ".glb": _BLENDER.replace("{load}", "import_scene.gltf"),
-    ".gltf": _BLENDER.replace("{load}", "import_scene.gltf"),
-    ".c3d": "markers need a model of the body that gives joint centres: take the trial's .amc or "
-    ".bvh, or let OpenSim, Mokka or Nexus write joint centres as .csv",
-    ".trc": "markers need a model of the body that gives joint centres: save those as .csv",
+    ".fbx": "convert it to .glb, with Blender: blender -b --python-expr \"import bpy; "
+    "bpy.ops.wm.read_factory_settings(use_empty=True); "
+    "bpy.ops.import_scene.fbx(filepath='{name}'); "
+    "bpy.ops.export_scene.gltf(filepath='{stem}.glb')\"",
+    ".c3d": _MARKERS,
+    ".trc": _MARKERS,
     ".zip": "unpack it, and give the file or the folder in it",
     ".mp4": "estimate the joints first, for example with MediaPipe, and give them as .npz",
     ".pt": "tensors are pickled: save the joints with numpy.savez",

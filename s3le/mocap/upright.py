@@ -142,7 +142,9 @@ def _unit(path: str, trunk: float) -> str:
 
 def _axes(path: str, trunk: np.ndarray) -> str:
     """Which way is up, by where most trunks (n, 3) point."""
-    way = np.median(trunk / np.linalg.norm(trunk, axis=1, keepdims=True), axis=0)
+    length = np.linalg.norm(trunk, axis=1, keepdims=True)
+    has = length[:, 0] > 0.0
+    way = np.median(trunk[has] / length[has], axis=0)
     way = way / max(np.linalg.norm(way), 1e-9)
     lean = {axes: np.degrees(np.arccos(np.clip(way @ up, -1, 1))) for axes, up in _UP.items()}
     best = min(lean, key=lean.__getitem__)

@@ -26,7 +26,8 @@ def numbers(path: Path | str, value: Any, what: str) -> np.ndarray | None:
         ClipError: lists of unequal lengths, words among numbers, more than MOST_VALUES.
     """
     if isinstance(value, np.ndarray):
-        return value.astype(float) if value.dtype.kind in "iuf" and value.ndim else None
+        with np.errstate(invalid="ignore"):  # NaN of other bits are NaN all the same
+            return value.astype(float) if value.dtype.kind in "iuf" and value.ndim else None
     if not isinstance(value, (list, tuple)) or not value:
         return None
     if _count(value, 0) > MOST_VALUES:
