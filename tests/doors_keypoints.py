@@ -134,6 +134,15 @@ def _pickle_owes(it: Reading) -> None:
     _owed(it, joints, 30.0, scaled=True)
 
 
+def _scene_owes(it: Reading) -> None:
+    data = it.files["a.glb"]
+    assert data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data)
+    size = int.from_bytes(data[12:16], "little")
+    tree = json.loads(data[20 : 20 + size].decode(), object_pairs_hook=once)
+    assert len(tree["nodes"]) > 10 and len(tree["animations"]) <= 1
+    _owed(it, None, None)
+
+
 def _frame(number: int, protocol: int) -> bytes:
     one = {"pred_joints_img": PIXELS[number], "pred_camera": np.ones(3, "f4"), "x": np.float64(1.5)}
     tree = {"demo_type": "body", "image_path": "/x.jpg", "pred_output_list": [one]}
@@ -165,6 +174,10 @@ def _made(kind: str) -> list[Files]:
         }
         return [{"a.json": json.dumps(frames).encode()},
                 {"a.json": json.dumps(named, indent=1).encode()}]  # fmt: skip
+    if kind == "glb":
+        from test_gltf import packed, scene
+
+        return [{"a.glb": packed(*scene())}]
     return [
         {PICKLE: _frame(2, protocol), PICKLE.replace("2", "3"): _frame(3, protocol)}
         for protocol in (2, 4, 5)
@@ -177,10 +190,12 @@ def _door(kind: str) -> Door:
         "npy": lambda: Door(_made(kind), ("a.npy",), _read("a.npy"), _array_owes),
         "csv": lambda: Door(_made(kind), ("a.csv",), _read("a.csv"), _table_owes),
         "json": lambda: Door(_made(kind), ("a.json",), _read("a.json"), _json_owes),
+        "glb": lambda: Door(_made(kind), ("a.glb",), _read("a.glb"), _scene_owes),
         "pickle": lambda: Door(_made(kind), (PICKLE,), _read(""), _pickle_owes),
     }[kind]()
 
 
 KEYPOINTS = {
-    f"keypoints {kind}": partial(_door, kind) for kind in ("npz", "npy", "csv", "json", "pickle")
+    f"keypoints {kind}": partial(_door, kind)
+    for kind in ("npz", "npy", "csv", "json", "pickle", "glb")
 }

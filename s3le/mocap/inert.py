@@ -262,7 +262,8 @@ def _build(what: Any, state: Any) -> None:
     """Give a dtype its byte order."""
     if isinstance(what, _Type):
         version, order, *rest = _of(state, tuple)
-        if version != 3 or order not in ("<", ">", "|", "=") or any(part is not None for part in rest[:3]):
+        more = any(part is not None for part in rest[:3])  # fields, as of records
+        if version != 3 or order not in ("<", ">", "|", "=") or more:
             raise _Refused("refused, an array of it holds something else than numbers")
         if order in "<>":
             what.dtype = what.dtype.newbyteorder(order)
