@@ -130,7 +130,8 @@ def _pickle_owes(it: Reading) -> None:
         people = tree["pred_output_list"]
         one = people[0] if people else None
         frames.append(np.full((49, 3), np.nan) if one is None else one["pred_joints_img"])
-    joints = np.array(frames, float).reshape(len(frames), 49, 3)
+    with np.errstate(invalid="ignore"):  # NaN of other bits
+        joints = np.array(frames, float).reshape(len(frames), 49, 3)
     _owed(it, joints, 30.0, scaled=True)
 
 

@@ -147,6 +147,7 @@ def change(place, value):
         (change(["animations", 0, "samplers", 3, "interpolation"], "CUBICSPLINE"), "sampled keys"),
         (change(["animations", 0, "samplers", 3, "input"], 1), "no sound|do not rise"),
         (change(["animations", 0, "channels"], None), "no sound glTF"),
+        (change(["animations"], None), "no animation moves its skeleton"),
         (change(["nodes", 0, "translation"], [1, 2]), "no sound glTF"),
         (change(["nodes", 22, "scale"], [1e30] * 3), "not one of|no person's|no body"),
         (lambda tree: tree["animations"].append(tree["animations"][0]), "holds 2 animations"),

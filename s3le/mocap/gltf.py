@@ -46,7 +46,7 @@ def read_gltf(path: Path | str) -> Found:
         path: .glb, or .gltf with its buffers inside or in files beside it.
 
     Raises:
-        ClipError: damage, no skeleton with known names, several animations, splines.
+        ClipError: damage, no skeleton with known names, no animation or several, splines.
     """
     path = Path(path)
     data = read_bytes(path)
@@ -113,7 +113,9 @@ def _numbers(path: Path, tree: Mapping, buffers: list[bytes], number: int) -> np
     stride = _whole(view.get("byteStride", row)) or row
     if stride < row or not count or (count - 1) * stride + row > len(data):
         raise refusal(path, None, f"an accessor of {count} rows, its bytes end before")
-    table = np.ndarray((count, width), dtype, data, 0, (stride, dtype.itemsize)).astype(float)
+    table = np.ndarray((count, width), dtype, data, 0, (stride, dtype.itemsize))
+    with np.errstate(invalid="ignore"):  # what is not finite is refused below
+        table = table.astype(float)
     if dtype.kind != "f":
         table = np.maximum(table / np.iinfo(dtype).max, -1.0)
     if not np.isfinite(table).all():
@@ -187,8 +189,10 @@ def _keys(
     if len(moved) > 1:
         there = listed(name for name, _ in moved)
         raise refusal(path, None, f"holds {len(moved)} animations ({there}); keep one in the file")
+    if not moved:
+        raise refusal(path, None, "no animation moves its skeleton")
     keys = {}
-    for (node, what), sampler in moved[0][1].items() if moved else ():
+    for (node, what), sampler in moved[0][1].items():
         how = sampler.get("interpolation", "LINEAR")
         if how not in ("LINEAR", "STEP"):
             raise refusal(path, None, f"interpolates by {how[:20]}; export it with sampled keys")
@@ -200,11 +204,11 @@ def _keys(
     return keys
 
 
-def _times(path: Path, keys: Mapping[Any, _Keys]) -> tuple[np.ndarray, float | None]:
+def _times(path: Path, keys: Mapping[Any, _Keys]) -> tuple[np.ndarray, float]:
     """Moments [s] from the first key to the last, at the rate of the densest keys."""
     steps = [np.median(np.diff(own.time)) for own in keys.values() if len(own.time) > 1]
     if not steps:
-        return np.zeros(1), None
+        return np.zeros(1), 1.0  # one pose has no rate
     rate = 1.0 / float(min(steps))
     if abs(round(rate) - rate) <= 1e-2 * rate and round(rate):
         rate = float(round(rate))

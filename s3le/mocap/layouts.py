@@ -82,10 +82,12 @@ def pick(joints: np.ndarray, points: Sequence[Joints]) -> np.ndarray:
 _WORDS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+")
 _SIDES = {"left": "l", "right": "r", "l": "l", "r": "r"}
 _EMPTY = {"joint", "jnt", "op", "kp", "smpl", "body"}  # words that say nothing
+_UPPER = ("upperarm", "upper arm", "arm", "shldr")
+_FORE = ("forearm", "fore arm", "lowerarm", "lower arm")
 _PAIRED = {  # of each side; the first that is there
     "pelvis": ("hip", "thigh", "upleg", "up leg", "upper leg"),
-    "shoulder": ("upperarm", "upper arm", "arm", "shoulder", "sho", "shldr"),
-    "elbow": ("elbow", "elb", "elblow", "forearm", "fore arm", "lowerarm", "lower arm"),
+    "shoulder": (*_UPPER, "shoulder", "sho"),
+    "elbow": ("elbow", "elb", "elblow", *_FORE),
     "hand": ("wrist", "wri", "hand"),
     "knee": ("knee",),
     "ankle": ("ankle",),
@@ -122,7 +124,8 @@ class Named(NamedTuple):
 def by_names(names: Sequence[str]) -> Named:
     """Where the points are among named joints.
 
-    Names as BVH files have them are read as there (s3le.mocap.rigs). Without a joint of its own
+    Names as BVH files have them are read as there (s3le.mocap.rigs); both sides must be named
+    alike. Without a joint of its own
     the hip is between the hip joints, and the neck between the shoulders.
     """
     index: dict[str, int] = {}
@@ -131,8 +134,13 @@ def by_names(names: Sequence[str]) -> Named:
 
     def found(point: str) -> Joints:
         side, _, part = point.rpartition("_")
-        options = [f"{side} {o}" for o in _PAIRED[part]] if side else _SINGLE[part]
-        return next(((index[o],) for o in options if o in index), ())
+        if not side:
+            return next(((index[o],) for o in _SINGLE[part] if o in index), ())
+        options = _PAIRED[part]
+        if part == "shoulder" and any(f"{s} {o}" in index for s in "lr" for o in _FORE):
+            options = _UPPER  # beside a forearm, a shoulder is the clavicle
+        both = (o for o in options if all(f"{s} {o}" in index for s in "lr"))
+        return next(((index[f"{side} {o}"],) for o in both), ())
 
     rig = rigs.match(list(names))
     if rig.missing or rig.doubled:
