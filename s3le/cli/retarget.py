@@ -115,15 +115,21 @@ def retarget(
 def _clips(given: list[Path]) -> list[Path]:
     """The files that are meant; each must have a name of its own, for its results take it."""
     from s3le.mocap.clip import clip_name
-    from s3le.mocap.folders import frames_of
+    from s3le.mocap.folders import frames_of, is_frame
     from s3le.mocap.read import READ, suffix_of
 
     paths = []
     for path in given:
-        if frames_of(path):
+        inside = sorted(p for p in path.glob("*") if suffix_of(p) in READ or frames_of(p))
+        others = [p for p in inside if not is_frame(p)]
+        frames = frames_of(path)
+        if frames == path and others:
+            raise ParameterError(
+                f"{path}: holds frames of one clip and other clips, as {others[0].name}; part them"
+            )
+        if frames == path or (frames and others == [frames]):
             paths.append(path)
             continue
-        inside = sorted(p for p in path.glob("*") if suffix_of(p) in READ or frames_of(p))
         if path.is_dir() and not inside:
             raise ParameterError(f"{path}: no motion files in it ({', '.join(READ)})")
         paths += inside if path.is_dir() else [path]

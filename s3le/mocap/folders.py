@@ -67,6 +67,11 @@ def read_frames(path: Path | str, how: How) -> Found:
     return openpose(folder, frames, how)
 
 
+def is_frame(path: Path | str) -> bool:
+    """Whether a file is named as one frame of such a folder."""
+    return _kind(Path(path).name) is not None
+
+
 def _kind(name: str) -> re.Pattern | None:
     return next((kind for kind in (FRANKMOCAP, OPENPOSE) if kind.fullmatch(name)), None)
 

@@ -84,6 +84,7 @@ def _run(data: bytes) -> tuple[Any, int]:
     stack: list[Any] = []
     marks: list[int] = []
     memo: dict[int, Any] = {}
+    frame_ends = 0
     for step, (code, argument, place) in enumerate(pickletools.genops(data)):
         if step > MOST_STEPS:
             raise _Refused(f"a pickle of more than {MOST_STEPS} instructions is not read")
@@ -99,8 +100,9 @@ def _run(data: bytes) -> tuple[Any, int]:
         elif name in _MADE:
             stack.append(_MADE[name]())
         elif name == "FRAME":
-            if place + 9 + argument > len(data):
-                raise _Refused("is no sound pickle (a frame of it is cut)")
+            begin, frame_ends = frame_ends, place + 9 + argument
+            if place < begin or frame_ends > len(data):
+                raise _Refused("is no sound pickle (a frame of it is cut, or in another)")
         elif name == "PROTO":
             if argument > HIGHEST:
                 raise _Refused(f"is no sound pickle (protocol {argument})")
