@@ -6,6 +6,7 @@ import os
 import pickle
 import struct
 import time
+import tracemalloc
 
 import bodies
 import numpy as np
@@ -174,6 +175,31 @@ def test_a_bomb_of_instructions_costs_little(tmp_path):
         with pytest.raises(ClipError, match="more than 400000 instructions|sound"):
             read_clip(tmp_path / "a.pkl")
     assert time.process_time() - begin < 6.0  # [s]
+
+
+def test_what_is_named_often_is_made_once(tmp_path):
+    big = 8 << 20  # [bytes]
+    text = b"X" + struct.pack("<I", big) + b"a" * big
+    held = b"\x80\x05" + text + b"\x940c_codecs\nencode\n\x940]"
+    held += b"h\x01(h\0X\x06\0\0\0latin1tRa" * 2000 + b"."
+    array = b"\x80\x05\x96" + struct.pack("<Q", big) + b"\0" * big + b"\x940"
+    array += b"cnumpy.core.numeric\n_frombuffer\n\x940cnumpy\ndtype\n(X\x02\0\0\0u1tR\x940]"
+    array += b"h\x01(h\0h\x02J" + struct.pack("<i", big) + b"\x85X\x01\0\0\0CtRa"
+    array = array + (b"h\x01(h\0h\x02J" + struct.pack("<i", big) + b"\x85X\x01\0\0\0CtRa") * 2000
+    number = b"\x80\x05\x8b" + struct.pack("<i", big) + b"\x01" * big + b"\x940}"
+    number += b"h\0K\x01s" * 2000 + b"."
+    tracemalloc.start()
+    try:
+        assert len(inert.load("a", held)) == 2000
+        assert len(inert.load("a", array + b".")) == 2001
+        with pytest.raises(ClipError, match="keys that are neither"):
+            inert.load("a", number)
+        laughs = doubled(40)  # in the place of a dtype's name
+        with pytest.raises(ClipError, match="which is not numbers"):
+            inert.load("a", laughs[:-1] + b"e0cnumpy\ndtype\n(h\x28tR.")
+        assert tracemalloc.get_traced_memory()[1] < 10 * big
+    finally:
+        tracemalloc.stop()
 
 
 def test_any_pickle_of_plain_joints_is_a_clip(tmp_path):

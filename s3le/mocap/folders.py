@@ -28,6 +28,7 @@ LARGEST = 64 * 2**20  # [bytes] of one frame, which may hold a mesh and a pictur
 SPREAD = 20.0  # times as many frames as files: the numbers are none of frames
 TRUNK = 0.5  # [m] of FrankMocap's people
 _PLACES = ("pred_joints_img", "pred_body_joints_img", "pred_joints_smpl")
+_HANDS = ("left_hand", "right_hand")
 
 
 def frames_of(path: Path | str) -> Path | None:
@@ -104,7 +105,8 @@ def _frankmocap(folder: Path, names: list[str], rows: list[int], count: int, how
         people = tree.get("pred_output_list") if isinstance(tree, Mapping) else None
         if not isinstance(people, list):
             raise refusal(folder / name, None, "no list 'pred_output_list': no FrankMocap result")
-        lists.append(people)
+        # Meshes and pictures of a thousand frames are not kept.
+        lists.append([_joints_of(person) for person in people])
     most = max(map(len, lists))
     if not most:
         raise refusal(folder, None, "nobody is in any of its frames")
@@ -119,13 +121,19 @@ def _frankmocap(folder: Path, names: list[str], rows: list[int], count: int, how
     return Found(joints, None, None, None, None, "FrankMocap's body joints", "spin49", person)
 
 
+def _joints_of(person: Any) -> Any:
+    if not isinstance(person, Mapping):
+        return person
+    return {key: person[key] for key in (*_PLACES, *_HANDS) if key in person}
+
+
 def _body(path: Path, output: Any, count: int) -> np.ndarray:
     """The joints of one person in one frame, (49, 3)."""
     if not isinstance(output, Mapping):
         raise refusal(path, None, "a person of it is no dict")
     key = next((key for key in _PLACES if key in output), None)
     if key is None:
-        hands = {"left_hand", "right_hand"} & output.keys()
+        hands = any(key in output for key in _HANDS)
         why = "holds hands only" if hands else f"has none of {', '.join(_PLACES)}"
         raise refusal(path, None, f"{why}; the body is needed (demo_bodymocap, demo_frankmocap)")
     table = numbers(path, output[key], f"'{key}'")

@@ -4,6 +4,7 @@ Keys are those of the estimators' own files and of common dumps of them. What is
 so that a person can see it; several candidates, or none, refuse the file and list its keys.
 """
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,6 +35,7 @@ _POSES = (  # (rotation of the root, of the others, place): of SMPL, axis times 
     ("", "thetas", ""),
     ("", "fullpose", "trans"),
 )
+_WHOLE = re.compile(r"[0-9]{1,9}")  # the number of a person
 LIFT = "retargeting needs 3D; lift them first, or take an estimator of 3D"
 
 
@@ -76,7 +78,7 @@ def find(path: Path | str, tree: Any, how: How) -> Found:
     if "persondata" in keys:
         tree = tree[keys["persondata"]]
         keys = {_key(key): key for key in tree} if isinstance(tree, Mapping) else {}
-    if keys and all(key.isdigit() for key in keys) and all(
+    if keys and all(_WHOLE.fullmatch(key) for key in keys) and all(
         isinstance(value, (Mapping, list)) for value in tree.values()
     ):
         person, chosen = choose(path, sorted(tree, key=lambda k: int(_key(k))), how)
@@ -125,15 +127,14 @@ def choose(path: Path | str, there: list[Any], how: How) -> tuple[int | None, An
     Raises:
         ClipError: there are several and none was chosen, or the chosen one is not there.
     """
-    numbered = {int(str(key)) if str(key).isdigit() else i for i, key in enumerate(there)}
+    numbered = [int(str(k)) if _WHOLE.fullmatch(str(k)) else i for i, k in enumerate(there)]
     if how.person is None:
         if len(there) == 1:
             return None, there[0]
         seen = listed(map(str, sorted(numbered)))
         raise refusal(path, None, f"holds {len(there)} persons ({seen}); choose one: --person N")
-    for place, key in enumerate(there):
-        if (int(str(key)) if str(key).isdigit() else place) == how.person:
-            return how.person, key
+    if how.person in numbered:
+        return how.person, there[numbered.index(how.person)]
     seen = listed(map(str, sorted(numbered)))
     raise refusal(path, None, f"holds no person {how.person}; there: {seen}")
 

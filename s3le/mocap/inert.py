@@ -7,6 +7,7 @@ or instruction refuses the file.
 """
 
 import pickletools
+import reprlib
 from collections import OrderedDict
 from collections.abc import Callable
 from math import prod
@@ -18,6 +19,7 @@ import numpy as np
 from s3le.errors import ClipError
 
 HIGHEST = 5  # protocol
+MOST = 2**63  # of keys and lengths
 MOST_STEPS = 400_000  # instructions of one file; a result of one frame has some hundreds
 _DTYPE = {"b1", *(f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)), "f2", "f4", "f8"}
 
@@ -30,6 +32,7 @@ class _Closed:
 
 
 CLOSED = _Closed()
+_made_of: dict[int, tuple[str, bytes]] = {}  # texts that were made bytes in this reading
 
 
 class _Name(NamedTuple):
@@ -68,6 +71,7 @@ def load(path: Path | str, data: bytes) -> Any:
     Raises:
         ClipError: an instruction or a name that is not data's, damage, or more than MOST_STEPS.
     """
+    _made_of.clear()
     try:
         value, end = _run(data)
     except _Refused as refusal:
@@ -75,6 +79,8 @@ def load(path: Path | str, data: bytes) -> Any:
     except (ValueError, KeyError, IndexError, TypeError, OverflowError, UnicodeError) as damage:
         words = (str(damage).splitlines() or [type(damage).__name__])[0][:160]
         raise ClipError(f"{path}: is no sound pickle ({words})") from None
+    finally:
+        _made_of.clear()
     if end != len(data):
         raise ClipError(f"{path}: is no sound pickle ({len(data) - end} bytes after its end)")
     return value
@@ -171,7 +177,9 @@ def _kind(value: Any) -> str:
 
 
 def _pairs(flat: list[Any]) -> dict[Any, Any]:
-    if len(flat) % 2 or not all(isinstance(key, (str, int)) for key in flat[::2]):
+    if len(flat) % 2 or not all(
+        isinstance(key, str) or (isinstance(key, int) and -MOST < key < MOST) for key in flat[::2]
+    ):  # a larger number takes long to hash, each time
         raise _Refused("refused, a dict of it has keys that are neither words nor whole numbers")
     return dict(zip(flat[::2], flat[1::2], strict=True))
 
@@ -198,7 +206,7 @@ def _reconstruct(kind: Any, shape: Any, _: Any) -> _Array:
 def _dtype(code: Any, _align: Any = False, _copy: Any = True) -> _Type:
     if isinstance(code, str) and code in _DTYPE:
         return _Type(code)
-    raise _Refused(f"refused, an array of it holds {code!r:.40}, which is not numbers")
+    raise _Refused(f"refused, an array of it holds {_short(code)}, which is not numbers")
 
 
 def _scalar(kind: Any, data: Any) -> float | int | bool:
@@ -213,8 +221,8 @@ def _frombuffer(data: Any, kind: Any, shape: Any, order: Any) -> np.ndarray:
 
 def _encode(text: Any, encoding: Any = "latin1") -> bytes:
     if encoding not in ("latin1", "latin-1"):
-        raise _Refused(f"refused, words of it are in {encoding!r:.40}")
-    return _of(text, str).encode("latin-1")
+        raise _Refused(f"refused, words of it are in {_short(encoding)}")
+    return _latin(_of(text, str))
 
 
 def _no_bytes() -> bytes:
@@ -226,21 +234,34 @@ def _ordered(*given: Any) -> dict[Any, Any]:
     return OrderedDict(_pairs([value for pair in pairs for value in pair]))
 
 
-def _bytes(data: Any) -> bytes:
+def _latin(text: str) -> bytes:
+    """The bytes of a text, made once: a file that asks a thousand times gets the same ones."""
+    if (known := _made_of.get(id(text))) is None:
+        known = _made_of[id(text)] = (text, text.encode("latin-1"))
+    return known[1]
+
+
+def _short(value: Any) -> str:
+    """A value in a few words, whatever it holds."""
+    return reprlib.repr(value)[:60]
+
+
+def _bytes(data: Any) -> bytes | bytearray:
     if isinstance(data, str):  # of Python 2
-        return data.encode("latin-1")
+        return _latin(data)
     if not isinstance(data, (bytes, bytearray)):
         raise _Refused(f"refused, the numbers of an array of it are {_kind(data)}, not bytes")
-    return bytes(data)
+    return data
 
 
 def _numbers(kind: Any, shape: Any, data: bytes, order: str = "C") -> np.ndarray:
     dtype = _of(kind, _Type).dtype
-    if not isinstance(shape, tuple) or not all(type(n) is int and n >= 0 for n in shape):
-        raise _Refused(f"is no sound pickle (an array of shape {shape!r:.40})")
+    whole = isinstance(shape, tuple) and all(type(n) is int and 0 <= n < MOST for n in shape)
+    if not whole:
+        raise _Refused(f"is no sound pickle (an array of shape {_short(shape)})")
     if len(shape) > 8 or prod(shape) * dtype.itemsize != len(data):
         raise _Refused(
-            f"is no sound pickle (an array of shape {shape!r:.40} in {len(data)} bytes)"
+            f"is no sound pickle (an array of shape {_short(shape)} in {len(data)} bytes)"
         )
     flat = np.frombuffer(data, dtype) if data else np.zeros(0, dtype)
     return flat.reshape(shape, order=order)

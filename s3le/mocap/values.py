@@ -1,5 +1,6 @@
 """Numbers out of what JSON, pickles and archives hold, counted before they are believed."""
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 
 from s3le.mocap.text import refusal
 
-MOST_VALUES = 20_000_000  # numbers of one file; 200,000 frames of 33 joints with confidence
+MOST_VALUES = 10_000_000  # numbers of one text; 75,000 frames of 33 joints with confidence
 DEEPEST = 5  # lists within lists
 _XYZ = ("x", "y", "z")
 SEEN = ("visibility", "confidence", "conf", "score", "c")  # a joint's, beside x, y and z
@@ -44,7 +45,7 @@ def numbers(path: Path | str, value: Any, what: str) -> np.ndarray | None:
         odd = next(v for v in flat if type(v) not in (int, float, type(None)))
         if kinds <= {str} or kinds <= {dict} or kinds <= {np.ndarray}:
             return None  # a list of words or of other things, not a table with a flaw
-        raise refusal(path, None, f"{what}: must be numbers, got {odd!r:.40}")
+        raise refusal(path, None, f"{what}: must be numbers, got {reprlib.repr(odd)[:60]}")
     try:
         return table.astype(float)
     except OverflowError:

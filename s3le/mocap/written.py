@@ -10,7 +10,7 @@ import numpy as np
 
 from s3le.mocap.found import TIMES
 from s3le.mocap.text import read_bytes, refusal, require, shown, split_lines
-from s3le.mocap.values import SEEN
+from s3le.mocap.values import MOST_VALUES, SEEN
 
 LARGEST_JSON = 32 * 2**20  # [bytes]; parsed it may need 20 times as much
 LARGEST_CSV = 64 * 2**20
@@ -86,6 +86,8 @@ def read_csv(path: Path | str) -> dict[str, Any]:
     for name in header if not nameless else []:
         if header.count(name) > 1:
             raise refusal(path, lines[0][0], f"column {shown(name)} is there twice")
+    if len(lines) * len(header) > MOST_VALUES:
+        raise refusal(path, None, f"more than the {MOST_VALUES} numbers that are read")
     rows = [_row(path, i, line, comma, header) for i, line in lines[0 if nameless else 1 :]]
     if not rows:
         raise refusal(path, None, "no frames")
