@@ -77,7 +77,9 @@ def find(path: Path | str, tree: Any, how: How) -> Found:
         return _people(path, tree, how)
     if "persondata" in keys:
         tree = tree[keys["persondata"]]
-        keys = {_key(key): key for key in tree} if isinstance(tree, Mapping) else {}
+        if not isinstance(tree, Mapping):
+            raise refusal(path, None, "its person_data are no dict of persons")
+        keys = {_key(key): key for key in tree}
     if keys and all(_WHOLE.fullmatch(key) for key in keys) and all(
         isinstance(value, (Mapping, list)) for value in tree.values()
     ):
@@ -292,7 +294,8 @@ def _shape(value: Any) -> str:
 def _people(path: Path | str, tree: Mapping, how: How) -> Found:
     """OpenPose's JSON, of one frame, or of several that were put one after the other."""
     people = tree["people"]
-    frames = people if people and all(isinstance(p, list) for p in people) else [people]
+    several = isinstance(people, list) and people and all(isinstance(p, list) for p in people)
+    frames = people if several else [people]
     return openpose(path, frames, how)
 
 
