@@ -22,7 +22,8 @@ def retarget(
         list[Path],
         typer.Argument(
             help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz), 3D keypoints "
-            "(.npz, .npy, .csv, .json, .pkl, a folder of FrankMocap or OpenPose), or folders.",
+            "(.npz, .npy, .csv, .json, .pkl, a folder of FrankMocap or OpenPose), .glb or .gltf, "
+            "or folders.",
             show_default=False,
         ),
     ],
