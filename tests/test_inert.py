@@ -11,7 +11,7 @@ import tracemalloc
 import bodies
 import numpy as np
 import pytest
-from test_keypoints import same
+from test_keypoints import same, save
 
 from s3le.errors import ClipError
 from s3le.mocap import inert
@@ -214,6 +214,38 @@ def test_any_pickle_of_plain_joints_is_a_clip(tmp_path):
     with pytest.raises(ClipError, match=r"holds 2 persons \(0, 3\)"):
         read_clip(path)
     assert read_clip(path, how=How(person=3)).reading.how[:2] == ("smpl", "y-up")
+
+
+WORDS = (
+    "joints", "frames", "people", "person_data", "0", "7", "pose_keypoints_3d", "joint_names",
+    "fps", "time", "visibility", "left_hip", "poses", "trans", "smpl_pose", "smpl_orient_world",
+    "track_ids", "x", "y", "z", "kp_2d",
+)  # fmt: skip
+
+
+def tree(dice, depth=0):
+    """Something that JSON can hold, of words that readers look for."""
+    kind = dice.integers(7 if depth < 4 else 4)
+    if kind < 4:
+        return [None, True, "word", 1.5, -3, 10**400, "9" * 30][dice.integers(7)]
+    if kind == 4:
+        shape = [(), (0,), (17,), (3, 17, 3), (2, 24, 3), (5, 72), (4, 2, 17, 3), (2, 3), (3, 75)]
+        return dice.normal(size=shape[dice.integers(len(shape))]).round(2).tolist()
+    if kind == 5:
+        return [tree(dice, depth + 1) for _ in range(dice.integers(4))]
+    words = dice.choice(WORDS, dice.integers(5)).tolist()
+    return {word: tree(dice, depth + 1) for word in words}
+
+
+def test_no_tree_of_any_form_does_anything_but_read_or_be_refused(tmp_path):
+    for number in range(600):
+        held = tree(np.random.default_rng(number))
+        with pytest.raises(ClipError, match="a.json"):
+            read_clip(save(tmp_path, "a.json", {"joints": held} if number % 3 else {"a": held}))
+        path = tmp_path / "a.pkl"
+        path.write_bytes(pickle.dumps(held))
+        with pytest.raises(ClipError, match="a.pkl"):
+            read_clip(path)
 
 
 # --- FrankMocap
