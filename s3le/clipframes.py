@@ -13,7 +13,8 @@ import numpy as np
 
 from s3le import motion
 from s3le.errors import ClipError
-from s3le.mocap.clip import resample
+from s3le.mocap.clip import Reading, resample
+from s3le.mocap.how import How
 from s3le.mocap.read import read_clip
 
 TILT_MAX = 60.0  # [deg], as params.yaml has it for the pipeline
@@ -30,6 +31,7 @@ class ClipFrames(NamedTuple):
     x: np.ndarray  # (m, 21), facing forward
     heading: np.ndarray | None  # [rad], (m,), the yaw that was taken out; None: not known
     dropped: dict[str, int]  # cause -> frames
+    reading: Reading | None = None  # how the file was understood, where that was open
 
     @property
     def gap(self) -> float:
@@ -43,6 +45,7 @@ def read(
     tilt_max: float = TILT_MAX,
     fps: float | None = None,
     rate: float | None = None,
+    how: How | None = None,
 ) -> ClipFrames:
     """Read a motion file and its seven vectors, frame by frame.
 
@@ -52,12 +55,13 @@ def read(
         tilt_max: frames whose torso leans farther from the vertical are left out [deg].
         fps: frames per second [Hz], instead of the file's own.
         rate: frames per second to resample to [Hz]; None: the clip's own frames.
+        how: what is known of keypoints.
 
     Raises:
         ClipError: the file cannot be read, or not one frame of it can be used.
-        ParameterError: a rate is none, or neck is unknown.
+        ParameterError: a rate is none, neck is unknown, or how does not fit the file.
     """
-    clip = read_clip(path, fps)
+    clip = read_clip(path, fps, how)
     if rate is not None:
         clip = resample(clip, rate)
     kept = motion.skeletons(clip.points, neck, radians(tilt_max))
@@ -73,4 +77,5 @@ def read(
         kept.x,
         kept.heading,
         kept.dropped,
+        clip.reading,
     )

@@ -179,6 +179,7 @@ def convert(
         "robot_hash": machine.robot.digest,
         "clip": frames.name,
         "clip_fps": frames.fps,
+        **(frames.reading.how.about() if frames.reading else {}),
         "clip_time_offset_s": made.offset,
         "rate": rate,
         "heading": IDENTITY if frames.heading is None else FROM_CLIP,
@@ -245,6 +246,7 @@ def summarise(
     words, counts = np.unique(made.mode, return_counts=True)
     taken = made.seconds[made.clip_from :] * 1e3
     return {
+        **({"reading": frames.reading.summary()} if frames.reading else {}),
         "frames": {
             "clip": frames.total,
             "followed": len(frames.x),

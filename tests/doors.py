@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from doors_keypoints import KEYPOINTS
 from doors_motion import CLIPS, REAL
 from doors_product import PRODUCT
 from doorway import Door, Reading
@@ -32,7 +33,7 @@ from s3le.errors import S3leError
 SECONDS = 2.0  # of processor time, for one file
 MEMORY = 512 * 2**20  # [bytes] of address space beyond what reading the good file takes
 LONGEST = 5000  # characters of a refusal
-DOORS = CLIPS | PRODUCT
+DOORS = CLIPS | KEYPOINTS | PRODUCT
 
 _told: list[str] = []  # what was said while a file was read
 

@@ -8,10 +8,12 @@ import sys
 import threading
 from pathlib import Path
 
+import bodies
 import numpy as np
 import pytest
 from follower import Plain, Reckless, follow_by
 from handmade import bvh, write
+from test_inert import frankmocap
 from typer.testing import CliRunner
 from worlds import coman, relaxed
 
@@ -20,6 +22,8 @@ from s3le.cli import shell
 from s3le.cli.main import app
 from s3le.errors import ParameterError, RobotError
 from s3le.kernels import batch
+from s3le.mocap.how import AXES
+from s3le.mocap.layouts import LAYOUTS
 from s3le.trajectory import files, trajectory
 
 ROOT = Path(__file__).parents[1]
@@ -306,6 +310,42 @@ def test_options_that_make_no_sense_are_refused(tmp_path, retargeter, options, w
     write(tmp_path / "a.bvh", waving())
     said = run("retarget", tmp_path / "a.bvh", "--out", tmp_path / "out", *options)
     assert said.exit_code == status and words in said.output
+
+
+def test_keypoints_are_read_as_said_and_what_is_assumed_is_said(tmp_path, retargeter):
+    joints = bodies.listed("h36m17", bodies.body(20)) @ bodies.INTO["camera"].T
+    np.save(tmp_path / "dance.npy", joints)
+    said = run("retarget", tmp_path / "dance.npy", "--out", tmp_path / "out", "--pitch", "0")
+    assert said.exit_code == 0, said.output
+    assert "note: layout h36m17, by 17 joints" in said.output and "note: 30 Hz" in said.output
+    summary = json.loads((tmp_path / "out" / "dance.json").read_text())
+    assert summary["reading"]["layout"] == summary["clip_read_layout"] == "h36m17"
+    assert summary["reading"]["axes"] == "camera" and len(summary["reading"]["assumed"]) == 3
+    about = files.read(tmp_path / "out" / "dance.parquet").about
+    assert about["clip_read_layout"] == "h36m17" and float(about["clip_read_pitch"]) == 0.0
+    for words, why in (
+        (["--layout", "coco17"], "by coco17 the joints are no body"),
+        (["--layout", "cocoa"], "wanted one of smpl, mediapipe"),
+        (["--axes", "up"], "wanted one of camera, y-up, z-up"),
+        (["--pitch", "100"], "--pitch must be from -89 to 89"),
+    ):
+        said = run("retarget", tmp_path / "dance.npy", "--out", tmp_path / "no", *words)
+        assert said.exit_code in (1, 2) and why in said.output
+    assert not (tmp_path / "no").exists()
+    said = run("retarget", "--help").output
+    assert all(layout in said for layout in LAYOUTS) and all(axes in said for axes in AXES)
+
+
+def test_a_folder_of_frames_is_one_clip_and_not_mixed_with_others(tmp_path, retargeter):
+    frames = frankmocap(tmp_path / "out" / "mocap", [3, 4, 5])
+    said = run("retarget", tmp_path / "out", "--out", tmp_path / "a", "--fps", "25")
+    assert said.exit_code == 0 and (tmp_path / "a" / "out.parquet").is_file(), said.output
+    write(tmp_path / "out" / "walk.bvh", waving())
+    said = run("retarget", tmp_path / "out", "--out", tmp_path / "b", "--fps", "25")
+    assert {p.name for p in (tmp_path / "b").glob("*.parquet")} == {"mocap.parquet", "walk.parquet"}
+    write(frames / "walk.bvh", waving())
+    said = run("retarget", frames, "--out", tmp_path / "c")
+    assert said.exit_code == 2 and "frames of one clip and other clips, as walk.bvh" in said.output
 
 
 def test_two_clips_of_one_name_are_refused_before_anything_is_written(tmp_path, retargeter):

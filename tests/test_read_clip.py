@@ -74,8 +74,8 @@ def test_a_mislabelled_file_is_refused_with_what_it_looks_like(
 
 
 def test_an_unknown_suffix_is_refused_with_the_known_ones(tmp_path):
-    with pytest.raises(ClipError, match="motion files end in .amc, .bvh, .json, .txt"):
-        read_clip(write(tmp_path / "a.c3d", b"\x02\x50"))
+    with pytest.raises(ClipError, match="motion files end in .amc, .bvh, .json, .txt, .parquet, .npz"):
+        read_clip(write(tmp_path / "a.xyz", b"\x02\x50"))
 
 
 def test_an_amc_takes_the_skeleton_of_its_subject_or_the_only_one(tmp_path):

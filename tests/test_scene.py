@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import bodies
 import numpy as np
 import pytest
 from handmade import bvh, write
@@ -9,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import ARMS_URDF, coman, relaxed, write_arms
 
+from s3le import clipframes
 from s3le.errors import ClipError, ParameterError, RobotError, TrajectoryError
 from s3le.kernels import batch
+from s3le.mocap.how import How
 from s3le.report import solid
 from s3le.robot import model, visual
 from s3le.robot.posing import Nearness, Poser
@@ -100,6 +103,21 @@ def test_a_motion_finds_its_human_also_after_both_have_moved(tmp_path):
     clip.unlink()
     path, words = motion.recorded_clip(shown)
     assert path is None and "No such file" in words and "--human" in words
+
+
+def test_a_human_of_keypoints_is_read_as_it_was_for_the_motion(tmp_path):
+    people = np.stack([bodies.body(9), bodies.body(9)[::-1]], axis=1)
+    clip = tmp_path / "two.npz"
+    np.savez(clip, joints=people, fps=30.0)
+    first, second = (clipframes.read(clip, "midpoint", how=How(person=i)) for i in (0, 1))
+    about = motion.about_clip(clip, tmp_path) | second.reading.how.about()
+    shown = moving(tmp_path, about=about)
+    np.testing.assert_array_equal(motion.human(clip, shown).x, second.x)
+    np.testing.assert_array_equal(motion.human(clip, shown, How(person=0)).x, first.x)
+    other = tmp_path / "other.npz"  # what is known of one clip says nothing of another
+    np.savez(other, joints=people)
+    with pytest.raises(ClipError, match="holds 2 persons"):
+        motion.human(other, shown)
 
 
 @pytest.mark.parametrize("name", [None, 7, "\0", "x" * 9999])

@@ -28,3 +28,33 @@ Joints = Annotated[
     typer.Option(help="Names of the columns, for files that have none: NAME,NAME,... or a file."),
 ]
 Degrees = Annotated[bool, typer.Option("--degrees", help="Angles of the files are in degrees.")]
+Layout = Annotated[
+    str | None,
+    typer.Option(
+        help="Joint list of keypoints: smpl, mediapipe, body25, spin49, h36m17, coco17.",
+        show_default="by number or names of the joints",
+    ),
+]
+Axes = Annotated[
+    str | None,
+    typer.Option(
+        help="Axes of keypoints: camera (x right, y down, z away), y-up, z-up.",
+        show_default="by where trunks point",
+    ),
+]
+Pitch = Annotated[
+    float | None,
+    typer.Option(
+        help="How far the camera of keypoints looks down [deg].",
+        show_default="by who stands on straight legs",
+    ),
+]
+Person = Annotated[
+    int | None, typer.Option(help="Which of several persons, by the file's numbers.")
+]
+Confidence = Annotated[
+    float | None,
+    typer.Option(
+        help="Leave out frames in which a joint is less certain, 0 to 1.", show_default="0.1"
+    ),
+]

@@ -51,6 +51,11 @@ def render(
     rate: options.RateOfFiles = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
+    layout: options.Layout = None,
+    axes: options.Axes = None,
+    pitch: options.Pitch = None,
+    person: options.Person = None,
+    confidence: options.Confidence = None,
 ) -> None:
     """Draw motions: a strip of snapshots (.png), or a film (.mp4, .gif); needs no screen, no GPU.
 
@@ -70,7 +75,8 @@ def render(
     with shell.guarded():
         strip = _check(out, frames, every, fps, size)
         angles = shown.camera(camera)
-        loaded = shown.load(files, human, robot, rate, joints, degrees)
+        known = shell.how(layout, axes, pitch, person, confidence)
+        loaded = shown.load(files, human, robot, rate, joints, degrees, known)
         if strip:
             _strip(loaded, out, frames, every, begin, end, angles, size)
         else:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from s3le.cli import shell
+from s3le.cli import options, shell
 from s3le.errors import ModelError, ParameterError, S3leError
 
 if TYPE_CHECKING:
     from s3le.following import Follower
+    from s3le.mocap.how import How
     from s3le.trajectory.root import Root
     from s3le.trajectory.whole import Whole
 
@@ -30,8 +31,9 @@ def retarget(
     clips: Annotated[
         list[Path],
         typer.Argument(
-            help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz; .parquet of "
-            "s3le video), or folders.",
+            help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz), .parquet of "
+            "s3le video, 3D keypoints (.npz, .npy, .csv, .json, .pkl, a folder of FrankMocap or "
+            "OpenPose), .glb or .gltf, or folders.",
             show_default=False,
         ),
     ],
@@ -85,23 +87,34 @@ def retarget(
     tilt_max: Annotated[
         float, typer.Option(help="Drop frames whose torso leans farther [deg].")
     ] = 60.0,
+    layout: options.Layout = None,
+    axes: options.Axes = None,
+    pitch: options.Pitch = None,
+    person: options.Person = None,
+    confidence: options.Confidence = None,
 ) -> None:
     """Retarget motion files: one Parquet and one JSON summary per clip, all of it certified.
 
     Columns: time [s], one per joint as named in the URDF [rad], heading of the human [rad],
     clearance [m], mode. Every pose is checked by coal and every path between two poses is proven
-    before anything is written; a clip that fails is named, and the others are still written.
+    before anything is written; a clip that fails is named, and the others are still written. What
+    keypoints leave open (which joint is which, up, tilt, unit, rate) is found in the data and said,
+    or asked for.
 
     \b
     s3le retarget walk.bvh --out out
     s3le retarget 14_05.amc 14_07.amc.gz --robot coman --out out --csv --npz
     s3le retarget clips/ --out out --rate 500 --lead-in 2
     s3le retarget walk.bvh --out out --full --for gmr --for mjlab --rate 30
+    s3le retarget mediapipe.npz --out out --pitch 12
+    s3le retarget joints.csv --out out --layout h36m17 --axes camera --fps 25
+    s3le retarget mocap_output/ --out out --person 0
     s3le audit out/*.parquet
 
     Exit status: 0 if every clip was written, 1 if one failed, 2 if nothing could begin.
     """  # noqa: D301
     with shell.guarded():
+        known = shell.how(layout, axes, pitch, person, confidence)
         paths = _clips(clips)
         follower = shell.follower(model, method)
         own = follower.machine.robot.name
@@ -121,7 +134,7 @@ def retarget(
         failed = 0
         for path in paths:
             try:
-                summary = _one(path, follower, out, suffixes, shape, fps, tilt_max, how)
+                summary = _one(path, follower, out, suffixes, shape, fps, tilt_max, known, how)
             except (S3leError, OSError) as refusal:
                 shell.complain(refusal)
                 failed += 1
@@ -135,13 +148,25 @@ def retarget(
 def _clips(given: list[Path]) -> list[Path]:
     """The files that are meant; each must have a name of its own, for its results take it."""
     from s3le.mocap.clip import clip_name
-    from s3le.mocap.read import SUFFIXES, is_clip
+    from s3le.mocap.folders import frames_of, is_frame
+    from s3le.mocap.read import KEYPOINTS, READ, is_clip, suffix_of
 
     paths = []
     for path in given:
-        inside = sorted(p for p in path.glob("*") if is_clip(p))
+        inside = sorted(
+            p for p in path.glob("*") if is_clip(p) or suffix_of(p) in KEYPOINTS or frames_of(p)
+        )
+        others = [p for p in inside if not is_frame(p)]
+        frames = frames_of(path)
+        if frames == path and others:
+            raise ParameterError(
+                f"{path}: holds frames of one clip and other clips, as {others[0].name}; part them"
+            )
+        if frames == path or (frames and others == [frames]):
+            paths.append(path)
+            continue
         if path.is_dir() and not inside:
-            raise ParameterError(f"{path}: no motion files in it ({', '.join(SUFFIXES)})")
+            raise ParameterError(f"{path}: no motion files in it ({', '.join(READ)})")
         paths += inside if path.is_dir() else [path]
     counts = Counter(clip_name(path) for path in paths)
     for name, count in counts.items():
@@ -199,6 +224,7 @@ def _one(
     shape: _Shape,
     fps: float | None,
     tilt_max: float,
+    known: "How",
     how: dict[str, Any],
 ) -> dict[str, Any]:
     """Retarget one clip and write what came of it."""
@@ -207,7 +233,9 @@ def _one(
     from s3le.trajectory import files, layouts, whole
 
     how = how | {"about": how["about"] | motion.about_clip(path, out)}
-    frames = clipframes.read(path, follower.machine.neck, tilt_max, fps)
+    frames = clipframes.read(path, follower.machine.neck, tilt_max, fps, how=known)
+    for words in frames.reading.told if frames.reading else ():
+        typer.echo(f"{path}: note: {words}", err=True)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:
         made = conversion.convert(follower, frames, **how, progress=progress)
     summary, written, complete = made.summary, made.trajectory, None

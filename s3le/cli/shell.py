@@ -13,6 +13,7 @@ from s3le.errors import ParameterError, RobotError, S3leError
 if TYPE_CHECKING:  # for the reader; importing it takes a second
     from s3le.following import Follower
     from s3le.machine import Machine
+    from s3le.mocap.how import How
 
 OK, BROKEN, UNREADABLE = 0, 1, 2  # exit status
 MARGIN, NECK = 0.002, "midpoint"  # of a robot file, which has neither; see params.yaml
@@ -131,6 +132,23 @@ def follower(model: Path, method: str | None) -> "Follower":
     if Path(model).is_dir() and not compiled.stored("guard.frame"):
         typer.echo("compiling kernels, once for this installation: about a minute", err=True)
     return following.load(model, method)
+
+
+def how(
+    layout: str | None,
+    axes: str | None,
+    pitch: float | None,
+    person: int | None,
+    confidence: float | None,
+) -> "How":
+    """What the command line says about keypoints.
+
+    Raises:
+        ParameterError: a value is out of its range.
+    """
+    from s3le.mocap.how import How
+
+    return How(layout, axes, pitch, person, confidence).check()
 
 
 def names(given: str | None) -> list[str] | None:

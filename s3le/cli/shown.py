@@ -10,6 +10,7 @@ from s3le.errors import ParameterError, RobotError
 
 if TYPE_CHECKING:
     from s3le.machine import Machine
+    from s3le.mocap.how import How
     from s3le.scene.motion import Human, Shown
 
 NOBODY = "none"  # what --human says to show none
@@ -29,6 +30,7 @@ def load(
     rate: float | None,
     joints: str | None,
     degrees: bool,
+    how: "How | None" = None,
 ) -> Loaded:
     """Read what is to be shown; says on stderr what a person should know about it.
 
@@ -37,6 +39,7 @@ def load(
         human: a clip, NOBODY, or None: the clip that the first motion says it was made from.
         robot: see shell.robot; None: for each file the one it was made for, where it is known.
         rate, joints, degrees: of the files, see trajectory.files.read and trajectory.fit.
+        how: what is known of the human's keypoints; nothing: as the motion says.
 
     Raises:
         S3leError: a file, the robot or the clip cannot be used.
@@ -61,7 +64,7 @@ def load(
         other, _ = motion.recorded_clip(one)
         if other and other.resolve() != clip.resolve():
             typer.echo(f"note: the human is {clip}; {one.path} was made from {other}", err=True)
-    return Loaded(shown, motion.human(clip, shown[0]) if clip else None)
+    return Loaded(shown, motion.human(clip, shown[0], how) if clip else None)
 
 
 def _read(

@@ -31,6 +31,11 @@ def view(
     rate: options.RateOfFiles = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
+    layout: options.Layout = None,
+    axes: options.Axes = None,
+    pitch: options.Pitch = None,
+    person: options.Person = None,
+    confidence: options.Confidence = None,
 ) -> None:
     """Look at motions in a browser: human and robots, clearance, where they were slowed or held.
 
@@ -53,7 +58,8 @@ def view(
             raise ParameterError(f"--port must be from 0 to 65535, got {port}")
         if rate is not None and not rate > 0.0:
             raise ParameterError(f"--rate must be above 0 Hz, got {rate!r}")
-        loaded = shown.load(files, human, robot, rate, joints, degrees)
+        known = shell.how(layout, axes, pitch, person, confidence)
+        loaded = shown.load(files, human, robot, rate, joints, degrees, known)
         try:
             from s3le.viewer.page import Page
         except ModuleNotFoundError as error:

@@ -5,11 +5,12 @@ a clip may begin facing anywhere. Points are positions, so resampling never touc
 """
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from s3le.errors import ClipError, ParameterError
+from s3le.mocap.how import How
 from s3le.skeleton import POINTS
 
 FARTHEST = 1e4  # [m] a coordinate beyond this is damage or a wrong unit, not motion
@@ -20,6 +21,27 @@ _ON_FRAME = 1e-6  # a sample this close to a frame, in frames, is that frame
 _ARMS = [[POINTS.index(f"{side}_{p}") for p in ("shoulder", "elbow", "hand")] for side in "rl"]
 
 
+class Reading(NamedTuple):
+    """How a file was understood that leaves something open; nothing of this for BVH and its like.
+
+    Attributes:
+        what: which part of the file the joints are.
+        how: options with which it reads alike again.
+        unit: of its lengths.
+        told: what was assumed or estimated, for people.
+    """
+
+    what: str
+    how: How
+    unit: str
+    told: tuple[str, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """As a part of a summary in JSON."""
+        how = {key: value for key, value in self.how._asdict().items() if value is not None}
+        return {"joints": self.what, **how, "unit": self.unit, "assumed": list(self.told)}
+
+
 class Clip(NamedTuple):
     """A motion clip at a constant rate.
 
@@ -27,21 +49,24 @@ class Clip(NamedTuple):
         name: what the clip is called in tables and messages.
         fps: frames per second [Hz].
         points: positions [m], float64 of shape (n, 10, 3), ordered as skeleton.POINTS,
-            read-only; the neck is the file's own neck or thorax joint.
+            read-only; the neck is the file's own neck or thorax joint; NaN where unknown.
+        reading: how the file was understood, where that was open.
     """
 
     name: str
     fps: float
     points: np.ndarray
+    reading: Reading | None = None
 
 
-def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
+def make_clip(path: Path | str, fps: float, points: np.ndarray, gaps: bool = False) -> Clip:
     """A clip named after its file, once its numbers can be believed.
 
     Args:
         path: the file it was read from; the name is the file's, without suffixes.
         fps: frames per second [Hz].
         points: positions [m], shape (n, 10, 3).
+        gaps: whether frames may be NaN; such a frame is unknown as a whole then.
 
     Raises:
         ClipError: no frames, a position that is not finite or beyond FARTHEST, or arms (median
@@ -52,7 +77,13 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
     points = np.ascontiguousarray(points, dtype=float)
     if points.shape[1:] != (len(POINTS), 3) or not len(points):
         raise ClipError(f"{path}: no frames")
-    near = (np.abs(points) <= FARTHEST).all(axis=(1, 2))  # NaN compares False
+    known = np.ones(len(points), bool)
+    if gaps:
+        known = ~np.isnan(points).any(axis=(1, 2))
+        points = np.where(known[:, None, None], points, np.nan)
+        if not known.any():
+            raise ClipError(f"{path}: not one frame of {len(points)} is known")
+    near = ~known | (np.abs(points) <= FARTHEST).all(axis=(1, 2))  # NaN compares False
     if not near.all():
         frame = int(np.argmin(near))
         raise ClipError(
@@ -60,8 +91,8 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray) -> Clip:
             "the file is damaged or in another unit"
         )
     arm = np.median([
-        np.linalg.norm(points[:, above] - points[:, below], axis=1)
-        + np.linalg.norm(points[:, below] - points[:, hand], axis=1)
+        np.linalg.norm(points[known, above] - points[known, below], axis=1)
+        + np.linalg.norm(points[known, below] - points[known, hand], axis=1)
         for above, below, hand in _ARMS
     ])
     if not ARM_RANGE[0] <= arm <= ARM_RANGE[1]:
@@ -149,7 +180,7 @@ def resample(clip: Clip, rate: float) -> Clip:
         ParameterError: rate is outside FPS_RANGE.
     """
     left, weight = frame_indices(len(clip.points), clip.fps, rate)
-    return Clip(clip.name, float(rate), _blend(clip.points, left, weight))
+    return clip._replace(fps=float(rate), points=_blend(clip.points, left, weight))
 
 
 def at_constant_rate(points: np.ndarray, times: np.ndarray, rate: float) -> np.ndarray:

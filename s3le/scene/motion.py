@@ -4,7 +4,6 @@ A motion is read as `s3le audit` reads it. Between two of its rows the joints mo
 that is how a moment between them is shown; before the first and after the last row it stands.
 """
 
-import hashlib
 import os
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +13,9 @@ import numpy as np
 from s3le import clipframes
 from s3le.errors import ClipError, TrajectoryError
 from s3le.machine import Machine
+from s3le.mocap import how as reading
+from s3le.mocap.how import How
+from s3le.mocap.read import digest
 from s3le.trajectory import files
 from s3le.trajectory.fit import fit
 from s3le.trajectory.trajectory import Trajectory
@@ -78,7 +80,7 @@ def about_clip(clip: Path, out: Path) -> dict[str, str]:
     """What a motion file in folder out says of the clip that it was made from."""
     return {
         CLIP: Path(os.path.relpath(clip, out)).as_posix(),  # so that both can move together
-        CLIP_HASH: hashlib.sha256(clip.read_bytes()).hexdigest(),
+        CLIP_HASH: digest(clip),
     }
 
 
@@ -95,7 +97,7 @@ def recorded_clip(shown: Shown) -> tuple[Path | None, str]:
         return None, f"{shown.path} names no clip, so there is no human; give one with --human"
     path = shown.path.parent / name
     try:
-        same = hashlib.sha256(path.read_bytes()).hexdigest() == about.get(CLIP_HASH)
+        same = digest(path) == about.get(CLIP_HASH)
     except OSError as error:
         why = error.strerror or str(error)
         return None, f"the human of {shown.path}, {path}: {why}; give the clip with --human"
@@ -104,14 +106,23 @@ def recorded_clip(shown: Shown) -> tuple[Path | None, str]:
     return path, "" if same else f"{path} has changed since {shown.path} was made from it"
 
 
-def human(path: Path, shown: Shown) -> Human:
+def human(path: Path, shown: Shown, how: How | None = None) -> Human:
     """The human of a clip in the time of a motion.
+
+    Args:
+        path: the clip.
+        shown: the motion; the clip that it was made from is read as it was then.
+        how: what is known of keypoints, instead of what the motion says of its clip.
 
     Raises:
         ClipError: the clip cannot be read, or it lies outside the motion's time.
     """
     about = shown.trajectory.about
-    frames = clipframes.read(path, shown.machine.neck, TILT_MAX, _number(about, "clip_fps"))
+    how = how or How()
+    if how == How() and _is_recorded(path, shown):
+        how = reading.recorded(about)
+    fps = _number(about, "clip_fps")
+    frames = clipframes.read(path, shown.machine.neck, TILT_MAX, fps, how=how)
     time = frames.time + (_number(about, "clip_time_offset_s") or 0.0)
     if time[0] > shown.trajectory.time[-1] + 1.0 or time[-1] < shown.trajectory.time[0] - 1.0:
         raise ClipError(
@@ -119,6 +130,15 @@ def human(path: Path, shown: Shown) -> Human:
             f"{shown.trajectory.time[0]:.2f} to {shown.trajectory.time[-1]:.2f} s"
         )
     return Human(frames.name, time, frames.x)
+
+
+def _is_recorded(path: Path, shown: Shown) -> bool:
+    """Whether a motion says that it was made from this clip."""
+    name = shown.trajectory.about.get(CLIP)
+    try:
+        return isinstance(name, str) and (shown.path.parent / name).samefile(path)
+    except (OSError, ValueError):
+        return False
 
 
 def _number(about: Any, key: str) -> float | None:
