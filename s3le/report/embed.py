@@ -77,6 +77,7 @@ def shown(media: Media, name: str, alt: str, narrowest: int) -> Html:
     """
     least = f"min-width:{min(narrowest, round(media.width))}px"
     if media.drawn:
+        least = f"min-width:{max(narrowest, round(0.8 * media.width))}px"
         element = svg.inline(media.content.decode("utf-8"), name)
         most = round(1.25 * media.width * 96 / 72)  # drawn in points, letters of 9 of them
         start = tag("div", class_="drawn", role="img", aria_label=alt,
