@@ -385,9 +385,9 @@ def test_the_video_figure_is_shown_with_its_words_and_numbers(tmp_path, pictures
     text = page_of(
         {}, video=(records.figure(tmp_path / "figure.json"), embed.read(folder / "strip.png"))
     )
-    assert "<h3>A &lt;video&gt;</h3>" in text and "frames, skeletons, poses." in text
+    assert "<h2>A &lt;video&gt;</h2>" in text and "<p>frames, skeletons, poses.</p>" in text
     assert row_of(text, "frames") == ["4,120"] and row_of(text, "to human") == ["0.0123"]
-    video = ">From a plain video</h2>"
+    video = ">A &lt;video&gt;</h2>"
     assert row_of(text, "clips", video) == ["a, b"] and row_of(text, "fps") == ["30"]
     assert 'id="video"' not in page_of({})
     for broken in ({"title": "t"}, {"title": "", "caption": "c"}, []):

@@ -161,7 +161,7 @@ def test_metrics_are_what_a_dvc_user_expects(project):
             assert found["segment_uncertified_rate"] == found["segment_too_fast_rate"] == 0.0
     assert {"certified_lookup", "certified_refined"} <= methods.keys()
     page = (project / "reports/report.html").read_text(encoding="utf-8")
-    assert ">S3LE + refine + certify</th>" in page and ">a video</h3>" in page
+    assert ">S3LE + refine + certify</th>" in page and ">a video</h2>" in page
     assert tree["splits"]["test"]["truth"]["collision_rate"] == 0.0
     assert "seconds" not in json.dumps(tree)
     assert "WARNING" not in good(project, "dvc", "plots", "show")

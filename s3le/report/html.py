@@ -111,7 +111,9 @@ def table(titles: Sequence[object], rows: Sequence[Sequence[object]], numbers: b
         ),
     )
     told = " / ".join(str(title) for title in titles if title) or "facts"
-    return scrolled(tag("table", *([head] if any(titles) else []), body), f"table: {told}")
+    parts = [head, body] if any(titles) else [body]
+    wordy = "words" if len(titles) > 2 and not numbers else None
+    return scrolled(tag("table", *parts, class_=wordy), f"table: {told}")
 
 
 def gauged(shown: str, share: float) -> Html:

@@ -62,7 +62,7 @@ dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; white-spa
 figure { margin: 1rem 0 1.6rem; }
 figcaption { margin-top: .6rem; }
 figcaption p { margin: .3rem 0; }
-figcaption b { font-weight: 600; color: var(--ink); }
+.how b, figcaption b { font-weight: 600; color: var(--ink); }
 .scroll { overflow-x: auto; max-width: 100%; }
 .scroll:focus-visible, summary:focus-visible, a:focus-visible { outline: 2px solid var(--accent);
   outline-offset: 2px; border-radius: 2px; }
@@ -76,6 +76,8 @@ thead th { vertical-align: bottom; color: var(--quiet); font-weight: 600;
 tbody th { font-weight: 500; min-width: 9rem; }
 th.n, td.n { text-align: right; }
 td.n { white-space: nowrap; }
+.words { min-width: 38rem; }
+td code, th code { overflow-wrap: break-word; }
 thead th.n { min-width: 5.6rem; }
 tbody tr:hover { background: var(--band); }
 details { margin: .5rem 0; }

@@ -41,7 +41,11 @@ _PICTURES = {
         "of the ground truth and of each method.",
         "each column is one moment, the first row is the human that the robots below should "
         "resemble, and a red outline marks a pose in which the robot collides with itself.",
-        (),
+        (
+            "The number below a pose is its cosine distance to the ground truth (of the ground "
+            "truth: to the human). The certified robot keeps its joints' speeds, so it lags where "
+            "the human is faster, and catches up.",
+        ),
         900,
     ),
     "spaces": _Picture(
@@ -119,12 +123,16 @@ def page(
         The page, ending in a newline; equal arguments give equal bytes.
     """
     splits = cells.at(metrics, "splits")
+    labels = dict(style.METHODS)
+    for split in splits.values():
+        labels |= results.labels_of(cells.at(split, "methods"))
+    bars = [*_picture("bars", figures), *_table(motions, labels)]
     parts = [
         _Section("run", "What was run", _run(metrics, knobs)),
         *_results(metrics),
-        _Section("motions", "Motion by motion", [*_picture("bars", figures), *_table(motions)]),
+        _Section("motions", "Motion by motion", bars),
         _Section("snapshots", "Snapshots", _picture("strip", figures)),
-        *([_Section("video", "From a plain video", _video(*video))] if video else []),
+        *([_Section("video", video[0].title, _video(*video))] if video else []),
         *_between(splits),
         _Section("latents", "Latent spaces", _picture("spaces", figures)),
         _Section(
@@ -264,11 +272,11 @@ def _others(figures: Mapping[str, embed.Media]) -> list[_Section]:
     return found
 
 
-def _table(motions: Sequence[Mapping[str, Any]]) -> list[Html]:
+def _table(motions: Sequence[Mapping[str, Any]], labels: Mapping[str, str]) -> list[Html]:
     """The numbers of the bars, for those who cannot see them or want to copy them."""
     if not motions:
         return []
-    known = [key for key, _ in style.METHODS if any(row["method"] == key for row in motions)]
+    known = [key for key in labels if any(row["method"] == key for row in motions)]
     value = {
         (row["split"], row["clip"], row["method"]): row.get("to_truth") for row in motions
     }
@@ -279,7 +287,7 @@ def _table(motions: Sequence[Mapping[str, Any]]) -> list[Html]:
         for split, clip in places
     ]
     shown = html.explained(
-        html.table(["motion", *(dict(style.METHODS)[key] for key in known)], rows),
+        html.table(["motion", *(labels[key] for key in known)], rows),
         "mean cosine distance to the ground truth over the frames of one motion, lower is better.",
     )
     return [html.folded("The numbers of this chart", shown)]
@@ -287,9 +295,14 @@ def _table(motions: Sequence[Mapping[str, Any]]) -> list[Html]:
 
 def _video(about: records.Figure, media: embed.Media) -> list[Html]:
     facts = [html.table(["", ""], about.numbers, numbers=False)] if about.numbers else []
+    alt = "A strip of moments: frames of a video, skeletons estimated in them, the robot's poses."
+    how = (
+        "each column is one moment of the video: the frame above, the skeleton that was estimated "
+        "in it, and the robot below, which should be in the same pose."
+    )
     return [
-        tag("h3", about.title),
-        html.explained(embed.shown(media, "video", about.title, 760), about.caption),
+        paragraph(about.caption),
+        html.explained(embed.shown(media, "video", alt, 760), how),
         *([html.folded("Numbers of this picture", *facts)] if facts else []),
     ]
 
@@ -307,7 +320,8 @@ def _compare() -> Html:
                 words(
                     "Every run leaves its figures as numbers beside this page, so that two runs "
                     "are laid over each other by a command; the page that `dvc plots diff` writes "
-                    "is `dvc_plots/index.html`."
+                    "is `dvc_plots/index.html` and, unlike this one, fetches what draws its charts "
+                    "from the network."
                 )
             ),
             html.table(["", ""], [[tag("code", line), told] for line, told in lines], False),

@@ -65,8 +65,9 @@ def key_numbers(splits: Mapping[str, Any]) -> list[Html]:
     return [
         tag("div", *cards, class_="cards"),
         paragraph(
+            tag("b", "How to read it: "),
             words(
-                "How to read it: the large number is the mean cosine distance to the ground truth "
+                "the large number is the mean cosine distance to the ground truth "
                 "on *{}* ({} frames of {} motions; lower is better, the ground truth itself lies "
                 "{} from the human), and below it stand the share of poses in which the robot "
                 "touches itself, of the paths between two safe poses on which it does, and of the "
