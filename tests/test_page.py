@@ -545,6 +545,12 @@ def test_a_browser_opens_it_from_disk_in_light_and_dark_wide_and_narrow(tmp_path
                 links = "[...document.querySelectorAll('nav a')]"
                 assert view.run(f"{links}.length") == 13
                 assert view.run(f"{links}.every(a => document.querySelector(a.hash))")
+        view.call("Emulation.setDeviceMetricsOverride", width=720, height=1000,
+                  deviceScaleFactor=1, mobile=False)  # fmt: skip
+        view.call("Emulation.setEmulatedMedia", media="print",
+                  features=[{"name": "prefers-color-scheme", "value": "dark"}])  # fmt: skip
+        assert view.run("document.documentElement.scrollWidth") <= 720  # nothing is cut on paper
+        assert ground(view.screenshot(x=0, y=0, width=720, height=1000)) == 255
     assert view.wrong == []
     assert view.asked and all(url == address or url.startswith("data:") for url in view.asked)
     assert inks["light"] != inks["dark"]  # the charts are recoloured

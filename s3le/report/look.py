@@ -117,6 +117,9 @@ footer { margin-top: 4rem; padding-top: 1rem; border-top: 1px solid var(--line);
   .scroll { overflow: visible; }
   .scroll > * { min-width: 0 !important; }
   table { font-size: 7.5pt; }
+  .words, .gauged, thead th.n, tbody th { min-width: 0; }
+  .gauged { display: inline; }
+  .gauged i { display: none; }
   th, td { padding: .2rem .35rem; }
   .media, .card, tr, figcaption { break-inside: avoid; }
   h2, h3 { break-after: avoid; }
