@@ -1,5 +1,6 @@
 # Two commands: `make repro` runs the whole pipeline, `make test` runs the tests.
 # `make video` sets up the pose estimator of `s3le video`, `make videos` fetches videos to try.
+# `make report` runs as much of the pipeline as the page that reads a run needs.
 # `make study` repeats the trainings behind reports/study, `make judge` the independent judgement
 # behind reports/judge.
 # All set up .venv by themselves; PIP_ARGS is passed to every pip call.
@@ -9,10 +10,13 @@ VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro test study judge video videos setup lint lock
+.PHONY: repro report test study judge video videos setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
+
+report: setup
+	@$(RUN) dvc repro report
 
 test: setup
 	@$(RUN) ruff check .

@@ -2,6 +2,7 @@
 
     python benchmarks/online.py [--folder data/retargeter] [--frames 10000] [--check/--no-check]
     python benchmarks/online.py --skeleton       # retrieval by the skeleton itself, no encoder
+    python benchmarks/online.py --record         # writes reports/latency.json, which the page shows
 
 The frames are those of data/skeletons.parquet that are not of a training clip, played over and
 over at 30 Hz. One core. Parts are timed by themselves on the same frames; the whole is
@@ -12,21 +13,26 @@ proof. Nothing is asserted; times are those of this machine.
 
 import time
 from collections.abc import Callable
+from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
+from stored import where
 from tuple_cost import one_core
 
 from s3le import neighbours, splits, store
 from s3le.kernels import batch, guard, segment
+from s3le.report import records
 from s3le.retarget import bundle, retrieval
 from s3le.retarget.mode import Mode
 from s3le.retarget.stream import Retargeter
 from s3le.tables.skeletons import SKELETONS
 
 DT = 1.0 / 30.0
+RECORD = Path("reports/latency.json")
 
 
 def main(
@@ -35,6 +41,7 @@ def main(
     frames: Annotated[int, typer.Option(help="frames to time")] = 10_000,
     check: Annotated[bool, typer.Option(help="coal at every pose")] = True,
     skeleton: Annotated[bool, typer.Option(help="look up by the skeleton itself")] = False,
+    record: Annotated[bool, typer.Option("--record", help=f"write {RECORD} too")] = False,
 ) -> None:
     """Print the table."""
     it = bundle.load(folder, {"check": check})
@@ -48,9 +55,10 @@ def main(
         f"at most {settings.iterations} iterations, proofs of at most {settings.budget} poses"
     )
     print(f"{'us':34}{'median':>9}{'p99':>9}{'worst':>10}")
+    rows = []
     with one_core():
         for name, work in parts(it, x).items():
-            say(name, times(work, min(frames, 2000)))
+            rows.append(say(name, times(work, min(frames, 2000))))
         stream, modes, far, free = it.start(), np.zeros(len(Mode), int), [], []
 
         def step(i: int) -> None:
@@ -61,12 +69,32 @@ def main(
             far.append(row.distance)
             free.append(row.wanted)
 
-        say(f"whole, {frames} frames", times(step, frames))
-        say("look-up and certificate alone", times(looked_up(it, x), min(frames, 2000)))
+        rows.append(say(f"whole, {frames} frames", times(step, frames)) | {"part": "whole"})
+        alone = times(looked_up(it, x), min(frames, 2000))
+        rows.append(say("look-up and certificate alone", alone))
     shares = {mode.name.lower(): modes[mode] / modes.sum() for mode in Mode if modes[mode]}
     print("\n" + ", ".join(f"{name} {share:.1%}" for name, share in shares.items()))
     print(f"mean cosine distance to the human: wanted {np.nanmean(free):.4f}, ", end="")
     print(f"after the guard {np.nanmean(far):.4f}")
+    if record:
+        robot = it.machine.robot
+        tree = {
+            "format": records.FORMAT, "date": datetime.now(UTC).date().isoformat(),
+            "machine": where()["machine"], "threads": 1,
+            "robot": robot.name, "robot_tag": it.machine.tag, "joints": robot.n_dof,
+            "pairs": len(it.machine.watched), "check": check,
+            "method": "skeleton" if skeleton else method_of(folder),
+            "settings": asdict(settings), "frames": frames, "modes": shares, "rows": rows,
+        }  # fmt: skip
+        records.checked(tree, f"{RECORD}: ")
+        store.write_json(tree, RECORD)
+        print(f"recorded in {RECORD}")
+
+
+def method_of(folder: Path) -> str:
+    """What proposes the poses of an exported retargeter, and by which distance it looks them up."""
+    about = store.read_json(folder / bundle.ABOUT, "export")
+    return f"{about['method']}, {about['metric']}"
 
 
 def looked_up(it: Retargeter, x: np.ndarray) -> Callable[[int], object]:
@@ -143,10 +171,12 @@ def times(work: Callable[[int], object], count: int) -> np.ndarray:
     return taken
 
 
-def say(name: str, taken: np.ndarray) -> None:
-    """One line."""
+def say(name: str, taken: np.ndarray) -> dict[str, object]:
+    """One line, and the same as a row of the record [us]."""
     p50, p99 = np.quantile(taken, [0.5, 0.99])
     print(f"{name:34}{p50:9.1f}{p99:9.1f}{taken.max():10.1f}", flush=True)
+    found = {"us_p50": p50, "us_p99": p99, "us_worst": taken.max()}
+    return {"part": name, "calls": len(taken)} | {k: round(float(v), 1) for k, v in found.items()}
 
 
 if __name__ == "__main__":

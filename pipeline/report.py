@@ -1,12 +1,12 @@
-"""Stage `report`: metrics and tables -> reports/report.md and its pictures."""
+"""Stage `report`: metrics and tables -> reports/report.html, and its pictures beside it."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from pipeline.stage import knob, launch, read, say
+from pipeline.stage import PARAMS, knob, launch, read, say
 from s3le import latents, machine, methods, snapshots, store
-from s3le.report import bars, curves, maps, page, spaces, strip
+from s3le.report import bars, curves, embed, maps, page, parameters, records, spaces, strip
 from s3le.tables.ground_truth import ground_truth
 from s3le.tables.retargeted import retargeted
 from s3le.tables.robot_poses import robot_poses
@@ -17,8 +17,11 @@ ROBOT = Path("data/robot")
 DATA = Path("data")
 REPORTS = Path("reports")
 FIGURES = REPORTS / "figures"
+OUT = REPORTS / "report.html"
+LATENCY = REPORTS / "latency.json"
+VIDEO = REPORTS / "video"
 TRAINED = ("s3le", "lwl2", "ale")
-SHOWN = ("ale", "lwl2", "s3le")
+SHOWN = ("ale", "lwl2", "s3le", "certified_refined")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,28 +52,39 @@ def main() -> None:
         for name in SHOWN
     }
     labels = methods.labels(tree["splits"])
-    bars.draw(FIGURES / "motions.png", motions, labels, "Distance to the ground truth per motion")
-    curves.draw(FIGURES / "training.png", histories)
+    bars.draw(FIGURES / "motions.svg", motions, labels, "Distance to the ground truth per motion")
+    curves.draw(FIGURES / "training.svg", histories)
     clip, rows = snapshots.choose(frames, params.strip_clip, params.strip_frames)
-    shown = snapshots.strip(robot, frames, rows, truth, answers)
+    shown = snapshots.strip(robot, frames, rows, truth, answers, dict(labels))
     strip.draw(FIGURES / "strip.png", frames["time"][rows], shown, f"{robot.robot.name}: {clip}")
     poses = store.read(
         robot_poses(n_dof, robot.margin), DATA / "robot_poses", robot.tag, ("q",)
     )
     models = {name: DATA / f"model-{name}.safetensors" for name in TRAINED}
-    spaces.draw(FIGURES / "latents.png", latents.spaces(robot, frames, truth, poses, models))
+    spaces.draw(FIGURES / "latents.svg", latents.spaces(robot, frames, truth, poses, models))
     points = store.read(SYNTHETIC, DATA / "synthetic.parquet")
     maps.draw(FIGURES / "synthetic.png", points, tree["synthetic"])
     pictures = {
-        "bars": "figures/motions.png",
-        "strip": "figures/strip.png",
-        "spaces": "figures/latents.png",
-        "curves": "figures/training.png",
-        "maps": "figures/synthetic.png",
+        "bars": "motions.svg",
+        "strip": "strip.png",
+        "spaces": "latents.svg",
+        "curves": "training.svg",
+        "maps": "synthetic.png",
     }
-    text = page.markdown(tree, histories, pictures, robot.unwatched())
-    store.write_text(text, REPORTS / "report.md")
-    say(f"read {REPORTS / 'report.md'}")
+    text = page.page(
+        tree,
+        histories,
+        {name: embed.read(FIGURES / file) for name, file in pictures.items()},
+        motions=motions,
+        unwatched=robot.unwatched(),
+        knobs=parameters.read(PARAMS),
+        latency=records.latency(LATENCY),
+        robot_tag=robot.tag,
+        video=(records.figure(VIDEO / "figure.json"), embed.read(VIDEO / "figure.png")),
+    )
+    store.write_text(text, OUT)
+    size = len(text.encode()) / 1e6
+    say(f"open {OUT}: one file of {size:.1f} MB, which needs no network")
 
 
 if __name__ == "__main__":

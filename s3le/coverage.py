@@ -6,7 +6,7 @@ covers human skeletons without pairs from inverse kinematics.
 """
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -196,8 +196,8 @@ def table(
         progress: as in compare.
 
     Returns:
-        Rows of compare, with "pairs" (how many IK pairs are stored beside); sampler "none" is
-        the pairs alone.
+        Rows of compare, with "pairs" (how many IK pairs are stored beside) and "bar", which names
+        the row in a chart; sampler "none" is the pairs alone.
 
     Raises:
         ClipError: there is no such frame.
@@ -215,4 +215,11 @@ def table(
                 found.append(row | about | {"pairs": k})
     found += [row | none | {"sampler": "none"} for row in measure(pairs, humans, machine.followed)]
     order = ("split", "sampler", "rows", "pairs", "seed", "mean", "p90", "feasible", "fallback")
-    return [{name: row[name] for name in order} for row in found]
+    return [{name: row[name] for name in order} | {"bar": _bar(row)} for row in found]
+
+
+def _bar(row: Mapping[str, Any]) -> str:
+    """What names a row in a chart."""
+    if row["sampler"] == "none":
+        return f"{row['split']}: pairs alone"
+    return f"{row['split']}: {row['sampler']}" + (" and pairs" if row["pairs"] else "")

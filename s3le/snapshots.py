@@ -7,7 +7,6 @@ import numpy as np
 from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.machine import Machine
-from s3le.methods import ENTRIES
 from s3le.report.strip import Row
 from s3le.report.style import colour
 
@@ -49,6 +48,7 @@ def strip(
     rows: np.ndarray,
     truth: Columns,
     answers: Mapping[str, Columns],
+    labels: Mapping[str, str],
 ) -> list[Row]:
     """Rows of the strip: the human, the ground truth, then each method.
 
@@ -58,6 +58,7 @@ def strip(
         rows: which of them to show.
         truth: columns of table ground_truth.
         answers: by entry, columns of table retargeted.
+        labels: what people read of each entry.
     """
     wanted = set(zip(frames["clip"][rows], frames["frame"][rows].tolist(), strict=True))
 
@@ -80,7 +81,7 @@ def strip(
         Row("human", skeleton=frames["x"][rows]),
         robot("ground truth", truth, truth["to_human"], "truth"),
         *(
-            robot(ENTRIES[name].label, table, table["to_truth"], name)
+            robot(labels[name], table, table["to_truth"], name)
             for name, table in answers.items()
         ),
     ]

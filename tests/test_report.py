@@ -1,4 +1,4 @@
-"""Figures and the page: right size, same bytes twice, odd input, and not a number invented."""
+"""Figures: right size, same bytes twice, odd input. The page is in test_page."""
 
 import math
 import struct
@@ -12,12 +12,10 @@ from s3le import files
 from s3le.errors import ParameterError
 from s3le.report import (
     bars,
-    cells,
     curves,
     figures,
     growth,
     maps,
-    page,
     solid,
     spaces,
     strip,
@@ -29,7 +27,6 @@ from s3le.scene import human
 
 ROOT = Path(__file__).parents[1]
 METHODS = list(style.METHODS)
-LABEL = dict(METHODS)
 
 
 def size_of(path: Path) -> tuple[int, int]:
@@ -404,6 +401,17 @@ def test_latent_spaces_draw_a_panel_each(tmp_path, panels):
     assert width == round(3.3 * max(len(panels), 1) * style.DPI)
 
 
+def errors() -> dict:
+    """Figures of the synthetic example."""
+    keys = ("error_all", "error_invariant", "error_feasible")
+    without, with_it = (
+        {key: {"mean": mean, "sd": 0.0123} for key, mean in zip(keys, means, strict=True)}
+        for means in ((0.0811, 0.0911, 0.0211), (0.0611, 0.0711, 0.0311))
+    )
+    return {"without_nt_xent": without, "with_nt_xent": with_it, "seeds": 5, "better": 4,
+            "shown": 2}  # fmt: skip
+
+
 @pytest.mark.parametrize("side", [3, 5, 41])
 def test_maps_draw_any_grid(tmp_path, side):
     width, height = twice(
@@ -436,212 +444,3 @@ def test_colours_of_correspondence_tell_points_apart():
     corners = [[int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)] for c in maps.CORNERS]
     ends = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
     np.testing.assert_allclose(maps.colours(ends), corners, atol=1e-12)
-
-
-# --- page
-
-
-def method(to_truth, pool, collision_rate=0.0):
-    return {"to_truth": to_truth, "to_human": to_truth + 0.0111, "collision_rate": collision_rate,
-            "limit_rate": 0.0, "pool": pool}  # fmt: skip
-
-
-def errors() -> dict:
-    """Figures of the synthetic example."""
-    keys = ("error_all", "error_invariant", "error_feasible")
-    without, with_it = (
-        {key: {"mean": mean, "sd": 0.0123} for key, mean in zip(keys, means, strict=True)}
-        for means in ((0.0811, 0.0911, 0.0211), (0.0611, 0.0711, 0.0311))
-    )
-    return {"without_nt_xent": without, "with_nt_xent": with_it, "seeds": 5, "better": 4,
-            "shown": 2}  # fmt: skip
-
-
-def metrics() -> dict:
-    dropped = {"dropped_tilt": 3, "dropped_pelvis": 41, "dropped_bone": 5, "dropped_not_finite": 6}
-    return {
-        "run": {"robot": "coman", "clips": "demo", "n_dof": 11, "pairs_watched": 378,
-                "margin_mm": 2.0},
-        "clips": {"train": {"clips": 10, "frames": 923, **dropped}},
-        "domain": {"raw": 9001, "mirrored": 9002, "noisy": 81997},
-        "pairs": {"rows": 1008, "collided": 252},
-        "sampling": {"rows": 100000, "feasible": 1200, "solved": 98000, "fallback": 800,
-                     "moved_mean_rad": 0.4321},
-        "poses": {"rows": 30000, "accepted_share": 0.215},
-        "coverage": {"test": {"uniform": {"mean": 0.0631, "with_pairs": 0.0602},
-                              "pairs_alone": {"mean": 0.1269}}},
-        "splits": {
-            "test": {
-                "clips": 5,
-                "frames": 512,
-                "truth": {"to_human": 0.0123, "collision_rate": 0.0},
-                "methods": {
-                    "s3le": method(0.06, 131008),
-                    "lwl2": method(0.12, 31008),
-                    "ale": method(0.15, None, 0.249),
-                    "skeleton_all": method(0.04, 131008),
-                },
-            }
-        },
-    }  # fmt: skip
-
-
-def line_of(text: str, start: str) -> str:
-    return next(line for line in text.splitlines() if line.startswith(f"| {start} |"))
-
-
-def test_page_holds_the_numbers_it_was_given():
-    history = [{"step": 50, "recon_x": 4.0}, {"step": 3950, "recon_x": 0.31}]
-    text = page.markdown(
-        metrics(), {"s3le": history}, {"strip": "figures/s.png"}
-    )
-    assert line_of(text, "S3LE") == "| S3LE | 0.060 | 0.071 | 0 % | 0 % | 131,008 | 0.040 |"
-    assert (
-        line_of(text, LABEL["ale"]) == f"| {LABEL['ale']} | 0.150 | 0.161 | 24.9 % | 0 % | - | - |"
-    )
-    assert (
-        line_of(text, "ground truth") == "| ground truth | - | 0.012 | 0 % | not measured | - | - |"
-    )
-    assert "| train | 10 | 923 | 3 | 41 | 5 | 6 |" in text
-    for piece in ("512 frames", "378", "252 (25.0 %)", "98,000 (98.0 %)", "0.432 rad (24.8°)",
-                  "21.5 %", "81,997", "skeletons rebuilt 4 to 0.31", "3,950",
-                  "![Snapshots](figures/s.png)", "0.1 is 26°", "at least 2 mm"):  # fmt: skip
-        assert piece in text
-    assert "0.50 times LWL2's (with robot poses)" in text
-    assert "1.50 times that of brute force" in text
-    assert "must not happen" not in text
-    assert text.endswith("\n") and text == page.markdown(
-        metrics(), {"s3le": history}, {"strip": "figures/s.png"}
-    )
-
-
-def test_page_compares_the_samplers():
-    text = page.markdown(metrics(), {}, {})
-    assert line_of(text, "uniform") == "| uniform | 0.063 | 0.060 |"
-    assert line_of(text, "pairs alone") == f"| pairs alone | 0.127 | {cells.NONE} |"
-
-
-def test_page_shows_the_synthetic_example():
-    text = page.markdown(metrics(), {}, {"maps": "figures/m.png"})
-    assert "![Synthetic example](figures/m.png)" in text
-    assert "Inside the red dashes" in text
-
-
-def test_page_says_what_was_not_measured():
-    text = page.markdown(metrics(), {}, {})
-    assert line_of(text, LABEL["lwl2_pairs"]).count("not measured") == 6
-    assert line_of(text, LABEL["lwl2"]).endswith("| not measured |")
-    assert "Training: not measured." in text
-    assert text.count("Figure: not drawn.") == 5
-
-
-def segments(collide=12, feasible=235, fast=118, **more):
-    """Figures of what lies between frames, as evaluation.summary gives them."""
-    total = 235
-    return {
-        "segments": total, "segments_feasible": feasible, "segments_colliding": collide,
-        "segments_undecided": 0, "segments_too_fast": fast, "segment_margin_mm": 0.5,
-        "segment_collision_rate": collide / feasible if feasible else None,
-        "segment_undecided_rate": 0.0 if feasible else None,
-        "segment_uncertified_rate": 0.0625, "segment_too_fast_rate": fast / total,
-        "largest_jump_rad": 3.5141, "limited_rate": 0.2, "eased_rate": 0.03,
-        "avoiding_rate": 0.01, "held_rate": 0.0, "proposed_by": "s3le",
-    } | more  # fmt: skip
-
-
-def certified(proposed_by="s3le", **more):
-    tree = metrics()
-    own = tree["splits"]["test"]["methods"]
-    own["s3le"] |= segments()
-    own["ale"] |= segments(feasible=0, collide=0, proposed_by="ale")
-    for key in ("certified_lookup", "certified_refined"):
-        own[key] = method(0.02, 131008) | segments(0, fast=0, proposed_by=proposed_by) | more
-    return tree
-
-
-def test_page_says_what_lies_between_the_frames():
-    text = page.markdown(certified(), {}, {}).split("### Between the frames")[1]
-    assert "not certified at 0.5 mm" in text
-    assert line_of(text, "S3LE") == (
-        "| S3LE | 235 | 235 (100 %) | 5.1 % | 0 % | 6.2 % | 50.2 % | 3.51 |"
-    )
-    assert line_of(text, "S3LE + refine + certify").startswith(
-        "| S3LE + refine + certify | 235 | 235 (100 %) | 0 % | 0 % |"
-    )
-    assert line_of(text, LABEL["ale"]).startswith(
-        f"| {LABEL['ale']} | 235 | 0 (0 %) | - | - |"  # no two safe poses: no share of them
-    )
-    assert "the straight path collides in 5.1 % of the segments" in text
-    cost = text.split("### What certifying cost")[1]
-    assert line_of(cost, "S3LE + certify") == (
-        "| S3LE + certify | 20.0 % | 3.0 % | 1.0 % | 0 % | 0.020 | 0.031 |"
-    )
-    assert "must not happen" not in text
-
-
-def test_page_names_the_certified_rows_by_what_proposes_their_poses():
-    text = page.markdown(certified("skeleton"), {}, {})
-    assert line_of(text, "nearest skeleton + refine + certify").count("131,008") == 1
-    assert "S3LE + refine" not in text
-
-
-@pytest.mark.parametrize("what", ["segments_colliding", "segments_undecided", "segments_too_fast"])
-def test_page_raises_the_alarm_when_a_certified_motion_does_not_hold(what):
-    text = page.markdown(certified(**{what: 1}), {}, {})
-    assert "This must not happen: a certified motion" in text
-
-
-def test_page_raises_the_alarm_when_a_certified_pose_is_unsafe():
-    text = page.markdown(certified(limit_rate=0.5), {}, {})
-    assert "S3LE + certify (broken limits in 50.0 % of the frames)" in text
-
-
-def test_page_lists_the_pairs_that_are_not_watched():
-    text = page.markdown({}, {}, {}, [("DWYTorso", "LShr", "limb-trunk", "overlap at the anchor")])
-    assert "| DWYTorso | LShr | limb-trunk | overlap at the anchor |" in text
-    assert "not watched\n" not in page.markdown({}, {}, {})
-
-
-def test_page_of_nothing_invents_nothing():
-    text = page.markdown({}, {}, {})
-    assert "Results: not measured." in text
-    table = [line for line in text.splitlines() if line.startswith("| ")]
-    values = [cell for line in table for cell in line.strip("| ").split(" | ")[1:]]
-    assert not any(letter.isdigit() for value in values for letter in value)
-    assert " nan" not in text and "None" not in text
-
-
-@pytest.mark.parametrize(
-    ("rate", "what"),
-    [
-        ("collision_rate", "collisions"),
-        ("below_margin_rate", "too little clearance"),
-        ("limit_rate", "broken limits"),
-    ],
-)
-def test_page_raises_the_alarm_when_a_checked_pose_is_unsafe(rate, what):
-    broken = metrics()
-    broken["splits"]["test"]["methods"]["ale"][rate] = 0.5  # ALE promises nothing
-    assert "must not happen" not in page.markdown(broken, {}, {})
-    broken["splits"]["test"]["methods"]["s3le"][rate] = 0.00001
-    text = page.markdown(broken, {}, {})
-    assert "This must not happen" in text
-    assert f"S3LE ({what} in < 0.1 % of the frames)" in text
-
-
-@pytest.mark.parametrize(
-    ("share", "words"),
-    [(0.0, "0 %"), (1e-9, "< 0.1 %"), (0.031, "3.1 %"), (0.99999, "> 99.9 %"), (1.0, "100 %"),
-     (None, "not measured"), (math.nan, "not measured")],
-)  # fmt: skip
-def test_only_an_exact_zero_reads_as_zero(share, words):
-    assert cells.rate(share) == words
-
-
-def test_a_name_cannot_break_a_table():
-    odd = metrics()
-    odd["clips"] = {"a|b\nc": {"clips": 1}}
-    odd["splits"]["test"]["methods"]["mine|"] = {}
-    text = page.markdown(odd, {}, {})
-    assert "| a\\|b c | 1 | not measured |" in text
-    assert "| mine\\| | not measured |" in text

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from s3le import latents, machine, snapshots, store
+from s3le import latents, machine, methods, snapshots, store
 from s3le.report import curves, spaces, strip
 from s3le.tables.ground_truth import ground_truth
 from s3le.tables.retargeted import retargeted
@@ -39,7 +39,9 @@ def main(
         for name in SHOWN
     }
     name, rows = snapshots.choose(frames, clip, moments)
-    shown = snapshots.strip(robot, frames, rows, truth, answers)
+    shown = snapshots.strip(
+        robot, frames, rows, truth, answers, {name: methods.label(name) for name in SHOWN}
+    )
     strip.draw(OUT / "strip.png", frames["time"][rows], shown, f"{robot.robot.name}: CMU {name}")
     poses = store.read(robot_poses(n_dof, margin), data / "robot_poses", robot.tag, ("q",))
     models = {name: data / f"model-{name}.safetensors" for name in TRAINED}

@@ -35,7 +35,7 @@ def draw(
     is the mean over its motions, each motion counting once. Motions stay in the order given.
 
     Args:
-        path: the PNG to write.
+        path: the PNG or SVG to write.
         rows: one per motion and method: "split", "clip", "method", "to_truth" [-], "frames";
             a to_truth that is None or not finite counts as not measured.
         methods: (key, label) in the order to draw; rows of other methods are left out.

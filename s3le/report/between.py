@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from s3le.methods import ENTRIES
-from s3le.report import cells
+from s3le.report import cells, html
+from s3le.report.html import Html, paragraph, tag, words
 
 _ONLINE = tuple(key for key, entry in ENTRIES.items() if entry.online)
 _GUARDED = (
@@ -15,7 +16,7 @@ _GUARDED = (
 )
 
 
-def section(methods: Mapping[str, Any], labels: Mapping[str, str]) -> list[str]:
+def section(methods: Mapping[str, Any], labels: Mapping[str, str]) -> list[Html]:
     """Paragraphs and tables for one split.
 
     Args:
@@ -43,18 +44,28 @@ def section(methods: Mapping[str, Any], labels: Mapping[str, str]) -> list[str]:
         for key, label in labels.items()
     ]
     return [
-        "### Between the frames",
-        cells.table(titles, rows),
-        "How to read it: a segment is the straight joint path from one frame's pose to the "
-        "next's. *Collide* are shares of the segments whose two poses are both safe: a pose on "
-        "the way was found in which watched bodies overlap, so checking poses alone does not see "
-        "it. *Undecided* are those for which neither that nor its absence was proven; they count "
-        "as no for *not certified*, which asks of all segments for a proof that watched pairs stay "
-        f"{margin} apart all the way. *Too fast* are segments on which a joint would exceed the "
-        "robot's speed at the clip's frame rate, and the *largest jump* is what one joint would "
-        "have to turn from one frame to the next. The rows *+ certify* keep all of this by "
-        "construction, and pay for it in the distances above.",
         *_finding(got),
+        html.explained(
+            html.table(titles, rows),
+            words(
+                "a segment is the straight joint path from one frame's pose to the next's, and "
+                "*collide* are shares of the segments whose two poses are both safe: a pose on the "
+                "way was found in which watched bodies overlap, so checking poses alone does not "
+                "see it."
+            ),
+            words(
+                "*Undecided* are those for which neither that nor its absence was proven; they "
+                "count as no for *not certified*, which asks of all segments for a proof that "
+                "watched pairs stay {} apart all the way.",
+                margin,
+            ),
+            words(
+                "*Too fast* are segments on which a joint would exceed the robot's speed at the "
+                "clip's frame rate, and the *largest jump* is what one joint would have to turn "
+                "from one frame to the next. The rows *+ certify* keep all of this by "
+                "construction, and pay for it in distance."
+            ),
+        ),
         *_guard(got, labels),
     ]
 
@@ -63,7 +74,7 @@ def _share(found: Mapping[str, Any], rate: str, of: str) -> str:
     return cells.NONE if found.get(of) == 0 else cells.rate(found.get(rate))
 
 
-def _finding(got: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def _finding(got: Mapping[str, Mapping[str, Any]]) -> list[Html]:
     own = got.get("s3le", {})
     if not (
         cells.is_number(own.get("segment_collision_rate"))
@@ -71,9 +82,11 @@ def _finding(got: Mapping[str, Mapping[str, Any]]) -> list[str]:
     ):
         return []
     found = [
-        f"Between two safe poses that S3LE looked up, the straight path collides in "
-        f"{cells.rate(own['segment_collision_rate'])} of the segments, and "
-        f"{cells.rate(own['segment_too_fast_rate'])} of all its segments are too fast."
+        paragraph(
+            f"Between two safe poses that S3LE looked up, the straight path collides in "
+            f"{cells.rate(own['segment_collision_rate'])} of the segments, and "
+            f"{cells.rate(own['segment_too_fast_rate'])} of all its segments are too fast."
+        )
     ]
     broken = [
         key
@@ -83,13 +96,16 @@ def _finding(got: Mapping[str, Mapping[str, Any]]) -> list[str]:
     ]
     if broken:
         found.append(
-            "**This must not happen: a certified motion has a segment that collides, is undecided "
-            f"or too fast ({cells.listed(list(dict.fromkeys(broken)))}).**"
+            paragraph(
+                "This must not happen: a certified motion has a segment that collides, is "
+                f"undecided or too fast ({cells.listed(list(dict.fromkeys(broken)))}).",
+                kind="alarm",
+            )
         )
-    return [" ".join(found)]
+    return found
 
 
-def _guard(got: Mapping[str, Mapping[str, Any]], labels: Mapping[str, str]) -> list[str]:
+def _guard(got: Mapping[str, Mapping[str, Any]], labels: Mapping[str, str]) -> list[Html]:
     rows = [
         [
             cells.text(labels[key]),
@@ -104,11 +120,14 @@ def _guard(got: Mapping[str, Mapping[str, Any]], labels: Mapping[str, str]) -> l
         return []
     titles = ["method", *(words for _, words in _GUARDED), "to the ground truth", "to the human"]
     return [
-        "### What certifying cost",
-        cells.table(titles, rows),
-        "How to read it: shares of frames in which the guard did not let the robot go where the "
-        "method wanted it: a joint could not turn so far in one frame, the brake kept it from "
-        "changing speed so much, the straight way was not free, or nothing but standing still "
-        "could be proven. Both rows have the same look-up and the same guard; what lies between "
-        "them is the refining.",
+        tag("h3", "What certifying cost"),
+        html.explained(
+            html.table(titles, rows),
+            "shares of frames in which the guard did not let the robot go where the method wanted "
+            "it: a joint could not turn so far in one frame, the brake kept it from changing speed "
+            "so much, the straight way was not free, or nothing but standing still could be "
+            "proven.",
+            "Both rows have the same look-up and the same guard; what lies between them is the "
+            "refining.",
+        ),
     ]

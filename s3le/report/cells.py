@@ -1,18 +1,11 @@
-"""Numbers and words as the report's tables show them; what is missing is called "not measured"."""
+"""Numbers and words as the page shows them; what is missing is called "not measured"."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 MISSING = "not measured"
 NONE = "-"  # where a cell has no meaning
-
-
-def table(titles: list[str], rows: list[list[str]], words: bool = False) -> str:
-    """A Markdown table; from four columns on they are numbers, unless `words`."""
-    numbers = len(titles) > 3 and not words  # numbers stand to the right
-    lines = [titles, ["---"] + ["---:" if numbers else "---"] * (len(titles) - 1), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def at(tree: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -27,8 +20,8 @@ def is_number(value: object) -> bool:
 
 
 def text(value: object) -> str:
-    """Words from outside, unable to break a table."""
-    return MISSING if value is None else " ".join(str(value).split()).replace("|", "\\|")
+    """Words from outside, on one line."""
+    return MISSING if value is None else " ".join(str(value).split())
 
 
 def count(value: object) -> str:
@@ -46,6 +39,11 @@ def of(value: object, total: object) -> str:
 def distance(value: object) -> str:
     """A cosine distance."""
     return f"{value:.3f}" if is_number(value) else MISSING
+
+
+def longest(values: Iterable[object]) -> float:
+    """The largest of some numbers, for bars to be measured by; 1 where there is none above 0."""
+    return max((value for value in values if is_number(value) and value > 0.0), default=1.0)
 
 
 def plain(value: object) -> str:

@@ -33,7 +33,7 @@ def draw(path: Path, histories: dict[str, list[dict[str, float]]]) -> None:
     widely is logarithmic but for a linear part around zero; others are linear.
 
     Args:
-        path: the PNG to write.
+        path: the PNG or SVG to write.
         histories: for each method its rows, "step" and the loss terms [-] by name.
     """
     names = style.TRAINED
@@ -57,7 +57,7 @@ def draw(path: Path, histories: dict[str, list[dict[str, float]]]) -> None:
             )
             for axes, method in zip(grid.flat, order, strict=False):
                 _panel(axes, histories[method])
-                axes.set_title(names.get(method, method), color=style.colour(method))
+                axes.set_title(names.get(method, method))
             for axes in grid.flat[len(order) :]:
                 axes.set_visible(False)
             for axes in grid[:, 0]:
@@ -124,8 +124,7 @@ def _label_ends(axes: Axes, terms: dict[str, np.ndarray], looks: dict[str, tuple
             xytext=(1.06, y),
             xycoords="axes fraction",
             va="center",
-            size=7.5,
-            color=colour,
+            size=7.5,  # in ink: the line to it has the colour, which not every one is legible in
             annotation_clip=False,
             arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkB": 0},
         )

@@ -11,7 +11,7 @@ from s3le.report import style
 
 _HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8c6d31", "#7f3c8d")
 _NAMED = 8  # motions with a colour of their own; with more, all frames share one
-_POSES = "#c9ced3"
+_POSES = "#a7b0b8"
 _PANEL, _LEGEND = 3.3, 0.95  # [inch]
 
 
@@ -36,7 +36,7 @@ def draw(path: Path, spaces: list[Space]) -> None:
     that is drawn, with one scale in both directions.
 
     Args:
-        path: the PNG to write.
+        path: the PNG or SVG to write.
         spaces: what to draw, from left to right.
     """
     with style.sheet():

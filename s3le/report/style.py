@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from s3le.files import replace
 from s3le.methods import ENTRIES, label
+from s3le.report import svg
 
 COLOURS = {
     "truth": "#4d4d4d",
@@ -68,6 +69,8 @@ _SHEET = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
     "text.parse_math": False,  # a clip may be named anything
+    "svg.fonttype": "path",
+    "svg.hashsalt": "s3le",  # else names within a drawing are drawn by lot
 }
 
 
@@ -88,18 +91,25 @@ def figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG: the whole file or none of it, the same bytes for the same figure.
+    """Write a figure: the whole file or none of it, the same bytes for the same figure.
 
     Args:
         figure: what to draw, at its own resolution.
-        path: where; the folder is made if need be.
+        path: where, `.png` or `.svg` (svg.themed, without a background of its own); the folder is
+            made if need be.
 
     Raises:
         OSError: the disk refuses; whatever stood at path still stands.
     """
-    image = BytesIO()
-    figure.savefig(image, format="png", dpi=figure.dpi, metadata={"Software": None})
-    replace(path, lambda part: part.write_bytes(image.getvalue()))
+    drawn = BytesIO()
+    if Path(path).suffix == ".svg":
+        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        figure.savefig(drawn, format="svg", dpi=figure.dpi, transparent=True, metadata=nothing)
+        made = svg.themed(drawn.getvalue().decode()).encode()
+    else:
+        figure.savefig(drawn, format="png", dpi=figure.dpi, metadata={"Software": None})
+        made = drawn.getvalue()
+    replace(path, lambda part: part.write_bytes(made))
 
 
 def colour(method: str, spare: int = 0) -> str:
