@@ -1,6 +1,7 @@
 """Real videos of people to try `s3le video` on, taken out of two packages that are not installed.
 
     python benchmarks/videos.py            # or: make videos
+    python benchmarks/videos.py sports2d   # only that of one package
 
 Sports2D's demonstration (two people, one on a roof, one who walks by; 9 MB) and Pose2Sim's
 (one person, four cameras at once; 51 MB), both BSD 3-Clause, Copyright (c) 2022 perfanalytics.
@@ -38,9 +39,11 @@ WANTED = {
 }  # fmt: skip
 
 
-def main() -> None:
+def main(only: list[str]) -> None:
     """Fetch what is not there yet."""
     for package, members in WANTED.items():
+        if only and package.partition("==")[0] not in only:
+            continue
         if all(_intact(PLACE / name, digest) for name, digest in members.values()):
             continue
         with tempfile.TemporaryDirectory() as scratch:
@@ -69,4 +72,4 @@ def _wheel(package: str, folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

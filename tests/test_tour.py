@@ -1,0 +1,137 @@
+"""The README's tour, command by command: whoever follows it sees no error."""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+from handmade import bvh, deepmimic, write
+from test_bundle import an_index
+from test_retarget import DEFAULT, stored
+from test_video import REAL, ROOT, film
+from worlds import coman
+
+from s3le.cli.main import app
+from s3le.retarget import bundle
+from s3le.video import process
+from s3le.video.decode import Video
+
+ESTIMATOR = ROOT / process.ENVIRONMENT
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+TOUR = README.split("\n## A tour\n")[1].split("\n## ")[0]
+COMMANDS = "\n".join(re.findall(r"```\n(.*?)```", TOUR, re.S)).splitlines()
+WANTS_VIDEO = "phone"
+
+
+def blocks():
+    """The tour's commands in order, those on a video apart from the others."""
+    lines = [line for line in COMMANDS if line]
+    return (
+        [line for line in lines if WANTS_VIDEO not in line],
+        [line for line in lines if WANTS_VIDEO in line],
+    )
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """What a folder holds after `make repro`, with few poses, and a person's own clips."""
+    folder = tmp_path_factory.mktemp("tour")
+    skeleton = an_index(stored()[1])
+    bundle.save(folder / "data/retargeter", coman(), "skeleton", "l2", DEFAULT, skeleton, None)
+    dance = deepmimic(*({8: [np.cos(a), np.sin(a), 0, 0]} for a in np.linspace(0, 0.6, 12)))
+    write(folder / "data/downloads/demo/dance_b.txt", dance)
+    rows = [[0, 0, 0, 0, 0, 0, -2 * k, 0, 0, 0, 0, 0] for k in range(12)]
+    write(folder / "walk.bvh", bvh(rows, order="ZXY", step=f"{1 / 30:.9f}"))
+    return folder
+
+
+def run(line):
+    """One line, as a shell would split it; the command line answers in this process."""
+    from typer.testing import CliRunner
+
+    program, *words = shlex.split(line)
+    assert program == "s3le", line
+    if words[0] == "view":
+        viewed(words)
+        return
+    said = CliRunner().invoke(app, words)
+    assert said.exit_code == 0, said.output
+
+
+def viewed(words):
+    """The viewer serves its page until it is told to end."""
+    viewer = subprocess.Popen(
+        [sys.executable, "-m", "s3le.cli", *words, "--port", "0"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    try:
+        said = viewer.stdout.readline()
+        address = re.match(r"(http://127\.0\.0\.1:\d+) ", said)
+        assert address, said + viewer.stderr.read()
+        with urllib.request.urlopen(address[1], timeout=30) as page:
+            assert page.status == 200
+        viewer.send_signal(signal.SIGINT)
+        assert viewer.wait(timeout=30) == 0
+    finally:
+        viewer.kill()
+        viewer.communicate()
+
+
+def made_by_make(line):
+    return line.startswith("make ") or line == ". .venv/bin/activate"
+
+
+def test_every_command_up_to_a_video_runs_as_it_is_written(place, monkeypatch):
+    pytest.importorskip("viser")
+    monkeypatch.chdir(place)
+    lines = [line for line in blocks()[0] if not made_by_make(line)]
+    assert len(lines) >= 6
+    for line in lines:
+        run(line)
+    for name in ("strip.png", "dance.gif", "motions/walk.gmr.npz", "motions/walk.mjlab.csv"):
+        assert (place / name).stat().st_size > 1000
+
+
+@pytest.mark.skipif(
+    not (REAL.is_file() and (ESTIMATOR / "bin" / "python").exists()),
+    reason="needs make video and make videos",
+)
+def test_every_command_on_a_video_runs_as_it_is_written(place, monkeypatch):
+    pytest.importorskip("viser")
+    pictures = []
+    for picture in Video(REAL).pictures():
+        pictures.append(picture.rgb)
+        if len(pictures) == 36:
+            break
+    film(place / "phone.mp4", pictures)
+    (place / process.ENVIRONMENT).symlink_to(ESTIMATOR)
+    monkeypatch.chdir(place)
+    if not Path("motions/walk.parquet").exists():
+        run("s3le retarget walk.bvh --out motions")
+    lines = blocks()[1]
+    assert len(lines) == 3
+    for line in lines:
+        run(line)
+    assert Path("motions/phone.parquet").is_file()
+
+
+@pytest.mark.parametrize("line", [line for line in blocks()[0] if made_by_make(line)])
+def test_what_make_is_asked_for_it_knows(line):
+    if line.startswith("make "):
+        said = subprocess.run(
+            ["make", "-n", *line.split()[1:]], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        assert said.returncode == 0, said.stderr
+
+
+@pytest.mark.parametrize("path", re.findall(r"\]\(([^)#]+\.(?:png|gif|svg|md|html))\)", README))
+def test_every_picture_and_page_that_the_readme_shows_is_there(path):
+    assert (ROOT / path).is_file()
+    assert (ROOT / path).stat().st_size < 1_500_000
