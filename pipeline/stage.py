@@ -16,8 +16,6 @@ from typing import Any
 
 import psutil
 import typer
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 from tqdm import tqdm
 
 from s3le import plain_yaml
@@ -25,7 +23,6 @@ from s3le.errors import ParameterError, S3leError
 from s3le.store import write_json
 
 PARAMS = Path("params.yaml")
-LARGEST = 32 * 2**10  # [bytes] of it; ours has six thousand
 TIMING = Path("reports/timing.json")
 
 
@@ -59,20 +56,9 @@ def read(params: type, path: Path = PARAMS) -> Any:
             its section is missing, unknown, of the wrong type or out of its range.
     """
     try:
-        with path.open("rb") as stream:
-            data = stream.read(LARGEST + 1)
-        if len(data) > LARGEST:
-            raise ParameterError(f"{path} is longer than the {LARGEST / 1024:g} KiB that are read")
-        text = data.decode("utf-8")
-        if found := plain_yaml.objection(text):
-            raise ParameterError(f"{path}: {found}")
-        tree = YAML(typ="safe").load(text)  # YAML 1.2, as DVC reads it: 1e-3 is a float
+        tree, _ = plain_yaml.mapping(path, "parameters", ParameterError)
     except FileNotFoundError:
         raise ParameterError(f"{path} is missing here; run from the project's folder") from None
-    except (YAMLError, ValueError, RecursionError) as error:
-        raise ParameterError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
-    if not isinstance(tree, dict):
-        raise ParameterError(f"{path} holds no mapping of parameters")
     own = [f.name for f in fields(params) if not f.metadata["shared"]]
     section = tree.get(params.section, {}) if own else {}
     if not isinstance(section, dict):

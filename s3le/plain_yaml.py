@@ -1,9 +1,52 @@
 """YAML as far as people write parameters and robots in it: no aliases, no bottomless nesting."""
 
+from pathlib import Path
+from typing import Any
+
 from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
 
+from s3le.errors import S3leError
+
 DEEPEST = 32  # levels; params.yaml has two, a robot file four
+LARGEST = 32 * 2**10  # [bytes] of a file that people write
+
+
+def mapping(
+    path: Path, wanted: str, wrong: type[S3leError], largest: int = LARGEST
+) -> tuple[dict[Any, Any], str]:
+    """Read a file that holds one mapping, as YAML 1.2, which is how DVC reads: 1e-3 is a number.
+
+    Args:
+        path: the file.
+        wanted: what the mapping holds, for a refusal.
+        wrong: what a refusal is raised as.
+        largest: longest file that is read [bytes].
+
+    Returns:
+        Pair (mapping, text of the file).
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        S3leError, as `wrong`: it is too long, not YAML, has what objection names, or is no mapping.
+    """
+    try:
+        with Path(path).open("rb") as stream:
+            data = stream.read(largest + 1)
+        if len(data) > largest:
+            raise wrong(f"{path}: longer than the {largest / 1024:g} KiB that are read")
+        text = data.decode("utf-8")
+        if found := objection(text):
+            raise wrong(f"{path}: {found}")
+        tree = YAML(typ="safe").load(text)
+    except FileNotFoundError:
+        raise
+    except (YAMLError, ValueError, OSError, RecursionError) as error:
+        raise wrong(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from None
+    if not isinstance(tree, dict):
+        raise wrong(f"{path}: expected a mapping with {wanted}")
+    return tree, text
 
 
 def objection(text: str) -> str | None:

@@ -1,4 +1,4 @@
-"""A real Chromium without a screen, driven by its own DevTools protocol over a socket."""
+"""A real Chromium without a screen, driven by its DevTools protocol; and `s3le view` to look at."""
 
 import base64
 import contextlib
@@ -8,9 +8,11 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 import time
 import urllib.request
+from pathlib import Path
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 PATH = next((shutil.which(name) for name in NAMES if shutil.which(name)), None)
@@ -117,3 +119,21 @@ def opened(folder, width: int, height: int):
             os.killpg(browser.pid, signal.SIGKILL)
         browser.wait()
         browser.stderr.close()
+
+
+@contextlib.contextmanager
+def serving(*words):
+    """`s3le view` with these words in a process of its own, and the address that it says."""
+    viewer = subprocess.Popen(
+        [sys.executable, "-m", "s3le.cli", "view", *map(str, words), "--port", "0"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+    )  # fmt: skip
+    try:
+        said = viewer.stdout.readline()
+        found = re.match(r"(http://127\.0\.0\.1:\d+) ", said)
+        assert found, said + viewer.stderr.read()
+        yield viewer, found[1]
+    finally:
+        viewer.kill()
+        viewer.communicate()

@@ -42,7 +42,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "av": ("s3le/movie.py", "s3le/video/decode.py"),
     "mediapipe": ("s3le/video/worker.py",),
     "PIL": ("s3le/movie.py", "s3le/report/embed.py"),
-    "ruamel": ("s3le/robot/description.py", "s3le/plain_yaml.py", "s3le/report/parameters.py"),
+    "ruamel": ("s3le/plain_yaml.py",),
     "ray": ("s3le/engine/cluster.py",),
     "typer": ("s3le/cli/",),
     "tqdm": ("s3le/cli/",),

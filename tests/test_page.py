@@ -367,8 +367,8 @@ def test_every_parameter_is_shown_with_its_sentence():
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("a: &x 1\nb: *x\n", "aliases"), ("- 1\n", "no mapping"), ("a: [", "not YAML"),
-     ("a: 1 # " + "x" * 40_000, "longer than"), ("a: \xff", "not YAML")],
+    [("a: &x 1\nb: *x\n", "aliases"), ("- 1\n", "a mapping"), ("a: [", "as YAML"),
+     ("a: 1 # " + "x" * 40_000, "longer than"), ("a: \xff", "as YAML")],
 )  # fmt: skip
 def test_odd_parameters_are_refused(tmp_path, text, words):
     path = tmp_path / "params.yaml"

@@ -476,7 +476,7 @@ BOMB = "a: &a [x, x]\n" + "".join(
         (BOMB.encode(), "YAML aliases (*name) are not read"),
         (b"[" * 10_000 + b"]" * 10_000, "nested deeper than 32 levels in line 1"),
         (b"name: " + b"9" * 5000, "not readable as YAML (Exceeds the limit"),
-        (b"#" * 40_000, "longer than the 32 KiB of a robot file"),
+        (b"#" * 40_000, "longer than the 32 KiB that are read"),
         (b"name: !!python/name:os.system ''", "not readable as YAML (could not determine a con"),
     ],
     ids=["empty", "list", "binary", "zeros", "utf-16", "key twice", "two documents", "bomb",

@@ -1,11 +1,7 @@
 """`s3le view` in a real browser, and `s3le render`: what a person sees, and what they are told."""
 
 import json
-import os
-import re
 import signal
-import subprocess
-import sys
 import time
 import urllib.request
 from pathlib import Path
@@ -178,19 +174,8 @@ def served(tmp_path_factory):
     folder = tmp_path_factory.mktemp("served")
     clip = wave(folder, by=0.0)  # the human stands, so what moves is the robot
     walk = moving(folder, about=motion.about_clip(clip, folder)).path
-    viewer = subprocess.Popen(
-        [sys.executable, "-m", "s3le.cli", "view", str(walk), *ROBOT, "--port", "0"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    try:
-        said = viewer.stdout.readline()
-        found = re.match(r"(http://127\.0\.0\.1:\d+) ", said)
-        assert found, said + viewer.stderr.read()
-        yield viewer, found[1]
-    finally:
-        viewer.kill()
-        viewer.communicate()
+    with browser.serving(walk, *ROBOT) as found:
+        yield found
 
 
 @pytest.mark.skipif(not browser.PATH, reason="no Chromium on this machine")

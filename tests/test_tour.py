@@ -1,14 +1,13 @@
 """The README's tour, command by command: whoever follows it sees no error."""
 
-import os
 import re
 import shlex
 import signal
 import subprocess
-import sys
 import urllib.request
 from pathlib import Path
 
+import browser
 import numpy as np
 import pytest
 from handmade import bvh, deepmimic, write
@@ -66,22 +65,11 @@ def run(line):
 
 def viewed(words):
     """The viewer serves its page until it is told to end."""
-    viewer = subprocess.Popen(
-        [sys.executable, "-m", "s3le.cli", *words, "--port", "0"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    try:
-        said = viewer.stdout.readline()
-        address = re.match(r"(http://127\.0\.0\.1:\d+) ", said)
-        assert address, said + viewer.stderr.read()
-        with urllib.request.urlopen(address[1], timeout=30) as page:
+    with browser.serving(*words[1:]) as (viewer, address):
+        with urllib.request.urlopen(address, timeout=30) as page:
             assert page.status == 200
         viewer.send_signal(signal.SIGINT)
         assert viewer.wait(timeout=30) == 0
-    finally:
-        viewer.kill()
-        viewer.communicate()
 
 
 def made_by_make(line):

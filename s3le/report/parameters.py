@@ -4,15 +4,11 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from s3le import plain_yaml
 from s3le.errors import ParameterError
 from s3le.report import html
 from s3le.report.html import Html, words
 
-_LARGEST = 32 * 2**10  # [bytes], as the stages have it
 _LINE = re.compile(r"( *)([A-Za-z_]\w*):((?:'[^']*'|\"[^\"]*\"|[^#'\"])*)(?:#\s*(.*))?")
 _MORE = re.compile(r" +#\s*(.*)")
 
@@ -32,20 +28,9 @@ def read(path: Path) -> list[Parameter]:
         ParameterError: missing, too long, not YAML, or no mapping.
     """
     try:
-        with Path(path).open("rb") as stream:
-            data = stream.read(_LARGEST + 1)
-        if len(data) > _LARGEST:
-            raise ParameterError(f"{path} is longer than the {_LARGEST / 1024:g} KiB that are read")
-        text = data.decode("utf-8")
-        if found := plain_yaml.objection(text):
-            raise ParameterError(f"{path}: {found}")
-        tree = YAML(typ="safe").load(text)
+        tree, text = plain_yaml.mapping(path, "parameters", ParameterError)
     except FileNotFoundError:
         raise ParameterError(f"{path} is missing here; run from the project's folder") from None
-    except (YAMLError, ValueError, RecursionError, OSError) as error:
-        raise ParameterError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
-    if not isinstance(tree, dict):
-        raise ParameterError(f"{path} holds no mapping of parameters")
     beside = _sentences(text)
     found = []
     for name, value in tree.items():

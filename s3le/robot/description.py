@@ -9,9 +9,6 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from s3le import plain_yaml
 from s3le.errors import RobotError
 
@@ -34,7 +31,6 @@ _OPTIONAL = {
     "srdf": None, "hulls": None, "base_rpy": [0.0, 0.0, 0.0], "hold": {}, "velocity": {},
     "pair_inflation": 1.1,
 }  # fmt: skip
-LARGEST = 32 * 2**10  # [bytes] of a robot file; real ones have two thousand
 WIDEST = 100.0  # [rad] an angle beyond this is damage or another unit
 FARTHEST = 10.0  # [m] a length or a place beyond this is damage or another unit
 
@@ -135,7 +131,7 @@ def read_description(path: Path) -> Description:
     )
 
 
-def read_mapping(path: Path, wanted: str, largest: int = LARGEST) -> dict:
+def read_mapping(path: Path, wanted: str, largest: int = plain_yaml.LARGEST) -> dict:
     """A YAML file that holds one mapping.
 
     Args:
@@ -147,22 +143,10 @@ def read_mapping(path: Path, wanted: str, largest: int = LARGEST) -> dict:
         RobotError: the file is missing, too long, not YAML, uses aliases, or holds something else.
     """
     try:
-        with path.open("rb") as stream:
-            data = stream.read(largest + 1)
-        if len(data) > largest:
-            raise RobotError(f"{path}: longer than the {largest / 1024:g} KiB of a robot file")
-        text = data.decode("utf-8")
-        if found := plain_yaml.objection(text):
-            raise RobotError(f"{path}: {found}")
-        tree = YAML(typ="safe").load(text)
+        return plain_yaml.mapping(path, wanted, RobotError, largest)[0]
     except FileNotFoundError:
         known = ", ".join(sorted(p.stem for p in path.parent.glob("*.yaml"))) or "none"
         raise RobotError(f"{path} does not exist; robots here: {known}") from None
-    except (YAMLError, ValueError, OSError, RecursionError) as error:
-        raise RobotError(f"{path}: not readable as YAML ({str(error).splitlines()[0]})") from None
-    if not isinstance(tree, dict):
-        raise RobotError(f"{path}: expected a mapping with {wanted}")
-    return tree
 
 
 def _mapping(path: Path, key: str, value: Any) -> dict:
