@@ -237,6 +237,19 @@ def test_a_mesh_that_is_not_there_or_none_is_named(tmp_path, content):
         visual.visuals(model.load(path))
 
 
+def test_meshes_may_come_from_the_urdf_that_a_robot_was_made_of(tmp_path):
+    robot = model.load(write_arms(tmp_path / "made"))
+    urdf = ARMS_URDF.replace('<link name="l_lower">', f'<link name="l_lower">{VISUAL}')
+    (tmp_path / "original.urdf").write_text(urdf.replace("{name}", "tri.obj"))
+    (tmp_path / "tri.obj").write_text(OBJ)
+    (seen,) = visual.visuals(robot, tmp_path / "original.urdf")
+    assert visual.visuals(robot) == [] and seen.link == "l_lower"
+    other = urdf.replace("l_lower", "elsewhere")
+    (tmp_path / "other.urdf").write_text(other.replace("{name}", "tri.obj"))
+    with pytest.raises(RobotError, match="other.urdf: no mesh of a link that .*arms.yaml has"):
+        visual.visuals(robot, tmp_path / "other.urdf")
+
+
 def test_coman_has_no_meshes():
     assert visual.visuals(coman().robot) == []
 

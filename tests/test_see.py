@@ -158,6 +158,7 @@ def test_a_retargeted_clip_knows_its_human(tmp_path, monkeypatch):
         (["--human", "no.bvh"], "no.bvh"),
         (["--robot", "nobody"], "there is no robot 'nobody'"),
         (["--rate", "nan"], "--rate must be"),
+        (["--meshes", "nowhere.urdf", "--port", "0"], "nowhere.urdf"),
         (["--host", "203.0.113.9"], "cannot be listened on"),  # nobody's (RFC 5737)
     ],
 )

@@ -28,6 +28,10 @@ def view(
     begin: options.Begin = None,
     end: options.End = None,
     robot: options.RobotOfFiles = None,
+    meshes: Annotated[
+        Path | None,
+        typer.Option(help="URDF whose meshes are drawn.", show_default="the robot's own, if any"),
+    ] = None,
     rate: options.RateOfFiles = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
@@ -47,7 +51,7 @@ def view(
     s3le view walk.parquet
     s3le view ours.parquet theirs.csv --human walk.bvh
     s3le view dance.npz --robot coman --from 10 --to 20 --port 9000
-    s3le view walk.parquet --open
+    s3le view walk.parquet --meshes ~/robots/g1/g1.urdf --open
 
     Exit status: 0 when it is ended, 2 if nothing could be shown.
     """  # noqa: D301
@@ -68,7 +72,7 @@ def view(
 
         times = motion.moments(loaded.motions, DENSEST, begin, end)
         with shell.bar(len(times) * len(loaded.motions), "measuring", "moments") as progress:
-            page = Page(loaded.motions, loaded.human, times, host, port, progress)
+            page = Page(loaded.motions, loaded.human, times, host, port, progress, meshes)
         typer.echo(f"{page.address}  (Ctrl-C ends it)")
         if open_browser:
             import webbrowser

@@ -31,13 +31,19 @@ class Visual(NamedTuple):
     colour: tuple[float, float, float]
 
 
-def visuals(robot: Robot) -> list[Visual]:
+def visuals(robot: Robot, file: Path | None = None) -> list[Visual]:
     """The meshes of a robot's URDF; none where it has none.
 
+    Args:
+        robot: whose.
+        file: another URDF of the same robot, for `robot new` keeps no meshes; None: its own.
+
     Raises:
-        RobotError: a mesh is not where the URDF says, or cannot be read; names it.
+        RobotError: a mesh is not where the URDF says, or cannot be read; names it. Or `file` has
+            none for the robot's links.
     """
-    tree = urdf.elements(robot.description.urdf)
+    source = robot.description.urdf if file is None else Path(file)
+    tree = urdf.elements(source)
     model, _ = reduced(robot.description)
     named = {m.get("name"): m for m in tree.findall("material")}
     found = []
@@ -47,8 +53,8 @@ def visuals(robot: Robot) -> list[Visual]:
             if mesh is None or not model.existBodyName(str(link.get("name"))):
                 continue
             frame = model.frames[model.getBodyId(str(link.get("name")))]
-            at = frame.placement * _origin(robot, item)
-            vertices, faces = _mesh(_resolve(robot, str(mesh.get("filename"))), _scale(mesh))
+            at = frame.placement * _origin(source, item)
+            vertices, faces = _mesh(_resolve(source, str(mesh.get("filename"))), _scale(mesh))
             found.append(
                 Visual(
                     str(link.get("name")),
@@ -58,17 +64,19 @@ def visuals(robot: Robot) -> list[Visual]:
                     _colour(item, named),
                 )
             )
+    if file is not None and not found:
+        raise RobotError(f"{file}: no mesh of a link that {robot.description.source} has")
     return found
 
 
-def _origin(robot: Robot, item: ElementTree.Element) -> pin.SE3:
+def _origin(source: Path, item: ElementTree.Element) -> pin.SE3:
     at = item.find("origin")
     words = {} if at is None else at.attrib
     try:
         xyz, rpy = (np.array(words.get(k, "0 0 0").split(), float) for k in ("xyz", "rpy"))
         return pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz)
     except (TypeError, ValueError):
-        raise RobotError(f"{robot.description.urdf}: the origin of a visual is no pose") from None
+        raise RobotError(f"{source}: the origin of a visual is no pose") from None
 
 
 def _scale(mesh: ElementTree.Element) -> np.ndarray:
@@ -78,9 +86,9 @@ def _scale(mesh: ElementTree.Element) -> np.ndarray:
         raise RobotError(f"the scale of mesh {mesh.get('filename')} is not three numbers") from None
 
 
-def _resolve(robot: Robot, name: str) -> Path:
+def _resolve(source: Path, name: str) -> Path:
     """The file that a URDF means by a name: beside it, or in a package that lies around it."""
-    here = robot.description.urdf.resolve()
+    here = source.resolve()
     if name.startswith("package://"):
         package, _, rest = name.removeprefix("package://").partition("/")
         roots = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
@@ -92,7 +100,7 @@ def _resolve(robot: Robot, name: str) -> Path:
         if place.is_file():
             return place
     raise RobotError(
-        f"{robot.description.urdf}: mesh {name} is not there; put it beside the URDF, or the "
+        f"{source}: mesh {name} is not there; put it beside the URDF, or the "
         "folder that holds its package into ROS_PACKAGE_PATH"
     )
 

@@ -1,12 +1,16 @@
 """Human and robots as nodes of viser's scene: made once, then only moved."""
 
+from pathlib import Path
+from typing import NamedTuple
+
 import numpy as np
 import trimesh
 import viser
 
 from s3le.errors import RobotError
+from s3le.robot.model import Robot
 from s3le.robot.posing import Nearness, Poser
-from s3le.robot.visual import visuals
+from s3le.robot.visual import Visual, visuals
 from s3le.scene import motion
 from s3le.scene.human import Size, stand, stick_figures
 from s3le.scene.motion import Human, Shown
@@ -40,12 +44,38 @@ def _turns(along: np.ndarray) -> np.ndarray:
     return np.where(size > 1e-6, half / np.maximum(size, 1e-9), [0.0, 1.0, 0.0, 0.0])
 
 
+class Looks(NamedTuple):
+    """What a robot is drawn from, besides its bodies."""
+
+    meshes: list[Visual]
+    note: str  # why there are none
+
+
+def looks_of(robot: Robot, file: Path | None = None) -> Looks:
+    """The meshes of a robot.
+
+    Args:
+        robot: whose.
+        file: URDF to take them from; None: its own, and none where they are not found.
+
+    Raises:
+        RobotError: `file` cannot be read, or names meshes that cannot.
+    """
+    try:
+        return Looks(visuals(robot, file), "")
+    except RobotError as refusal:
+        if file is not None:
+            raise
+        return Looks([], f"drawn from its bodies, {refusal}")
+
+
 class RobotNodes:
     """One robot of one motion."""
 
     def __init__(
-        self, server: viser.ViserServer, name: str, shown: Shown, colour: str, place: np.ndarray
-    ) -> None:
+        self, server: viser.ViserServer, name: str, shown: Shown, colour: str, place: np.ndarray,
+        looks: Looks,
+    ) -> None:  # fmt: skip
         """Put a robot into the scene.
 
         Args:
@@ -54,9 +84,10 @@ class RobotNodes:
             shown: its motion.
             colour: of its moving bodies.
             place: where its base frame stands [m], (3,).
+            looks: its meshes.
         """
         robot = shown.machine.robot
-        self.shown, self.place, self.note = shown, place, ""
+        self.shown, self.place, self.note = shown, place, looks.note
         self._poser = Poser(robot)
         self._near = Nearness(robot, shown.machine.watched)
         scene = server.scene
@@ -70,16 +101,12 @@ class RobotNodes:
             _add_body(scene, f"{name}/{body.joint + 1}/body{i}", body, tint)
             for i, (body, tint) in enumerate(zip(robot.bodies, self._colours, strict=True))
         ]
-        try:
-            looks = visuals(robot)
-        except RobotError as refusal:
-            looks, self.note = [], f"drawn from its bodies, {refusal}"
         self._meshes = [
             scene.add_mesh_simple(
                 f"{name}/{look.joint + 1}/mesh{i}", look.vertices.astype(np.float32), look.faces,
                 color=tuple(round(255 * c) for c in look.colour), side="double",
             )
-            for i, look in enumerate(looks)
+            for i, look in enumerate(looks.meshes)
         ]  # fmt: skip
         self._line = scene.add_line_segments(
             f"{name}/closest", np.zeros((1, 2, 3)), ALARM, thickness=3.0,

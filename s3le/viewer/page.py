@@ -8,6 +8,7 @@ import threading
 import time as clock
 from collections.abc import Callable
 from html import escape
+from pathlib import Path
 
 import numpy as np
 import viser
@@ -19,7 +20,7 @@ from s3le.scene.human import NOMINAL, Size
 from s3le.scene.motion import Human, Shown
 from s3le.skeleton import bone_vectors
 from s3le.viewer import timeline
-from s3le.viewer.bodies import HumanNodes, RobotNodes
+from s3le.viewer.bodies import HumanNodes, RobotNodes, looks_of
 from s3le.viewer.player import SPEEDS, Player
 
 BESIDE, BESIDE_SMALL, OVER, HIDDEN = "beside", "beside, robot's size", "over the robots", "hidden"
@@ -59,6 +60,7 @@ class Page:
         host: str,
         port: int,
         progress: Callable[[int], object] | None = None,
+        meshes: Path | None = None,
     ) -> None:
         """Measure the motions and open the page.
 
@@ -69,10 +71,13 @@ class Page:
             host: address to listen on.
             port: to listen on; 0 and taken ones: the next that is free.
             progress: called with numbers of moments measured.
+            meshes: URDF whose meshes the robots are drawn from; None: their own.
 
         Raises:
             FilmError: the address cannot be listened on.
+            RobotError: `meshes` cannot be read.
         """
+        self._looks = [looks_of(m.machine.robot, meshes) for m in motions]
         self.motions, self.human, self.player = motions, human, Player(times)
         self._q = [motion.poses(m, times) for m in motions]
         self._kind = [pace.kinds(m, times) for m in motions]
@@ -129,7 +134,7 @@ class Page:
         self._robots = [
             RobotNodes(
                 self._server, f"/robot{i}", m, COLOURS[i % len(COLOURS)],
-                np.array([0.0, own[i], -floors[i]]),
+                np.array([0.0, own[i], -floors[i]]), self._looks[i],
             )
             for i, m in enumerate(self.motions)
         ]  # fmt: skip
