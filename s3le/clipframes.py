@@ -14,7 +14,7 @@ import numpy as np
 from s3le import motion
 from s3le.errors import ClipError
 from s3le.mocap.clip import Reading, resample
-from s3le.mocap.how import How
+from s3le.mocap.keypoints.how import How
 from s3le.mocap.read import read_clip
 
 TILT_MAX = 60.0  # [deg], as params.yaml has it for the pipeline

@@ -30,7 +30,7 @@ def _distances(points: np.ndarray) -> np.ndarray:
 def _owed(it: Reading, joints: np.ndarray | None, fps: float | None, scaled: bool = False) -> None:
     """The clip's points lie as those of the joints do, (n, j, at least 3)."""
     from s3le.mocap.clip import FARTHEST, FPS_RANGE
-    from s3le.mocap.layouts import LAYOUTS, pick
+    from s3le.mocap.keypoints.layouts import LAYOUTS, pick
 
     clip = it.result
     assert FPS_RANGE[0] <= clip.fps <= FPS_RANGE[1]

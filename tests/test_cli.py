@@ -22,8 +22,8 @@ from s3le.cli import shell
 from s3le.cli.main import app
 from s3le.errors import ParameterError, RobotError
 from s3le.kernels import batch
-from s3le.mocap.how import AXES
-from s3le.mocap.layouts import LAYOUTS
+from s3le.mocap.keypoints.how import AXES
+from s3le.mocap.keypoints.layouts import LAYOUTS
 from s3le.trajectory import files, trajectory
 
 ROOT = Path(__file__).parents[1]

@@ -8,7 +8,7 @@ import pytest
 from test_keypoints import same
 
 from s3le.errors import ClipError
-from s3le.mocap import smpl
+from s3le.mocap.keypoints import smpl
 from s3le.mocap.read import read_clip
 
 NAMES = ("Hips", "LeftUpLeg", "RightUpLeg", "Spine", "LeftLeg", "RightLeg", "Spine1", "LeftFoot",

@@ -9,9 +9,9 @@ from handmade import SHARED
 
 from s3le import motion
 from s3le.errors import ClipError, ParameterError
-from s3le.mocap import smpl
-from s3le.mocap.how import How, recorded
-from s3le.mocap.layouts import LAYOUTS, by_names, pick
+from s3le.mocap.keypoints import smpl
+from s3le.mocap.keypoints.how import How, recorded
+from s3le.mocap.keypoints.layouts import LAYOUTS, by_names, pick
 from s3le.mocap.read import READ, digest, read_clip
 from s3le.skeleton import POINTS, face_forward, features
 

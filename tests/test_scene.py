@@ -13,7 +13,7 @@ from worlds import ARMS_URDF, coman, relaxed, write_arms
 from s3le import clipframes
 from s3le.errors import ClipError, ParameterError, RobotError, TrajectoryError
 from s3le.kernels import batch
-from s3le.mocap.how import How
+from s3le.mocap.keypoints.how import How
 from s3le.report import solid
 from s3le.robot import model, visual
 from s3le.robot.posing import Nearness, Poser

@@ -12,7 +12,7 @@ from s3le.errors import ModelError, ParameterError, S3leError
 
 if TYPE_CHECKING:
     from s3le.following import Follower
-    from s3le.mocap.how import How
+    from s3le.mocap.keypoints.how import How
     from s3le.trajectory.root import Root
     from s3le.trajectory.whole import Whole
 
@@ -148,7 +148,7 @@ def retarget(
 def _clips(given: list[Path]) -> list[Path]:
     """The files that are meant; each must have a name of its own, for its results take it."""
     from s3le.mocap.clip import clip_name
-    from s3le.mocap.folders import frames_of, is_frame
+    from s3le.mocap.keypoints.folders import frames_of, is_frame
     from s3le.mocap.read import KEYPOINTS, READ, is_clip, suffix_of
 
     paths = []

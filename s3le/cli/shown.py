@@ -10,7 +10,7 @@ from s3le.errors import ParameterError, RobotError
 
 if TYPE_CHECKING:
     from s3le.machine import Machine
-    from s3le.mocap.how import How
+    from s3le.mocap.keypoints.how import How
     from s3le.scene.motion import Human, Shown
 
 NOBODY = "none"  # what --human says to show none

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from s3le.errors import ClipError, ParameterError
-from s3le.mocap.how import How
+from s3le.mocap.keypoints.how import How
 from s3le.skeleton import POINTS
 
 FARTHEST = 1e4  # [m] a coordinate beyond this is damage or a wrong unit, not motion

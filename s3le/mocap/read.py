@@ -10,9 +10,9 @@ from s3le.mocap.amc import cmu_rate, read_amc, read_asf
 from s3le.mocap.bvh import read_bvh
 from s3le.mocap.clip import Clip, clip_name
 from s3le.mocap.deepmimic import read_deepmimic
-from s3le.mocap.folders import frames_of
-from s3le.mocap.how import How
-from s3le.mocap.keypoints import read_keypoints
+from s3le.mocap.keypoints.folders import frames_of
+from s3le.mocap.keypoints.how import How
+from s3le.mocap.keypoints.read import read_keypoints
 from s3le.mocap.points_parquet import is_points, read_points
 from s3le.mocap.text import read_bytes
 
@@ -50,7 +50,7 @@ def read_clip(path: Path | str, fps: float | None = None, how: How | None = None
 
     Args:
         path: .amc with its .asf beside it, .bvh, or DeepMimic .txt or .json; or with .gz; .parquet
-            of `s3le video`, in which frames may be NaN; or keypoints, see s3le.mocap.keypoints:
+            of `s3le video`, in which frames may be NaN; or what s3le.mocap.keypoints.read takes:
             KEYPOINTS, .json, or a folder of frames.
         fps: frames per second [Hz], instead of the file's own; for .amc, which has none,
             instead of CMU's 120 (60 for the subjects of amc.CMU_60_HZ).

@@ -13,8 +13,8 @@ import numpy as np
 from s3le import clipframes
 from s3le.errors import ClipError, TrajectoryError
 from s3le.machine import Machine
-from s3le.mocap import how as reading
-from s3le.mocap.how import How
+from s3le.mocap.keypoints import how as reading
+from s3le.mocap.keypoints.how import How
 from s3le.mocap.read import digest
 from s3le.trajectory import files
 from s3le.trajectory.fit import fit

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from s3le.mocap.found import TIMES
+from s3le.mocap.keypoints.found import TIMES
+from s3le.mocap.keypoints.values import MOST_VALUES, SEEN
 from s3le.mocap.text import read_bytes, refusal, require, shown, split_lines
-from s3le.mocap.values import MOST_VALUES, SEEN
 
 LARGEST_JSON = 32 * 2**20  # [bytes]; parsed it may need 20 times as much
 LARGEST_CSV = 64 * 2**20

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from s3le.mocap import inert
-from s3le.mocap.found import Found, choose, openpose
-from s3le.mocap.how import How
-from s3le.mocap.layouts import LAYOUTS
+from s3le.mocap.keypoints import inert
+from s3le.mocap.keypoints.found import Found, choose, openpose
+from s3le.mocap.keypoints.how import How
+from s3le.mocap.keypoints.layouts import LAYOUTS
+from s3le.mocap.keypoints.values import numbers
+from s3le.mocap.keypoints.written import read_json
 from s3le.mocap.text import read_bytes, refusal
-from s3le.mocap.values import numbers
-from s3le.mocap.written import read_json
 
 FRANKMOCAP = re.compile(r"(.*?)(\d*)_prediction_result\.pkl")
 OPENPOSE = re.compile(r"(.*?)(\d*)_keypoints\.json")

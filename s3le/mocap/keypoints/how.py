@@ -5,7 +5,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from s3le.errors import ParameterError
-from s3le.mocap.layouts import LAYOUTS
+from s3le.mocap.keypoints.layouts import LAYOUTS
 
 AXES = ("camera", "y-up", "z-up")
 STEEPEST = 89.0  # [deg] of a camera's tilt

@@ -11,15 +11,15 @@ import numpy as np
 
 from s3le import npy
 from s3le.errors import ClipError
-from s3le.mocap import inert, upright
 from s3le.mocap.clip import FPS_RANGE, Clip, Reading, at_constant_rate, make_clip
-from s3le.mocap.folders import read_frames
-from s3le.mocap.found import Found, find
-from s3le.mocap.gltf import read_gltf
-from s3le.mocap.how import CONFIDENCE, How
-from s3le.mocap.layouts import LAYOUTS, Layout, by_names, for_size, pick
+from s3le.mocap.keypoints import inert, upright
+from s3le.mocap.keypoints.folders import read_frames
+from s3le.mocap.keypoints.found import Found, find
+from s3le.mocap.keypoints.gltf import read_gltf
+from s3le.mocap.keypoints.how import CONFIDENCE, How
+from s3le.mocap.keypoints.layouts import LAYOUTS, Layout, by_names, for_size, pick
+from s3le.mocap.keypoints.written import read_csv, read_json
 from s3le.mocap.text import MAX_BYTES, listed, looks_like, read_bytes, refusal
-from s3le.mocap.written import read_csv, read_json
 
 RATE = 30.0  # [Hz] where nothing says another
 EVEN = 0.02  # steps in time that differ by less than this share are alike

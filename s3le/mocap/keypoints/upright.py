@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import ClipError
-from s3le.mocap.how import How
-from s3le.mocap.layouts import Layout, pick
+from s3le.mocap.keypoints.how import How
+from s3le.mocap.keypoints.layouts import Layout, pick
 from s3le.skeleton import POINTS
 
 LEAN = 40.0  # [deg] that the median trunk may lean from the axis that is taken for up

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from s3le.mocap.clip import FPS_RANGE
-from s3le.mocap.found import Found
-from s3le.mocap.layouts import by_names
+from s3le.mocap.keypoints.found import Found
+from s3le.mocap.keypoints.layouts import by_names
+from s3le.mocap.keypoints.written import read_json
 from s3le.mocap.rotation import from_quaternion
 from s3le.mocap.text import MAX_BYTES, listed, read_bytes, refusal
-from s3le.mocap.written import read_json
 
 MOST_NODES = 10_000
 MOST_FRAMES = 200_000

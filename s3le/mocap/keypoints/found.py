@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from s3le.mocap import layouts, smpl
-from s3le.mocap.how import How
+from s3le.mocap.keypoints import layouts, smpl
+from s3le.mocap.keypoints.how import How
+from s3le.mocap.keypoints.values import SEEN, number, numbers, turned
 from s3le.mocap.text import listed, refusal
-from s3le.mocap.values import SEEN, number, numbers, turned
 
 PLACES = (  # keys of joints' places, without _ and -; the first that is there
     "world", "worldlandmarks", "poseworldlandmarks", "joints3d", "smpljoints", "kp3d",
