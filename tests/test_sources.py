@@ -81,7 +81,7 @@ def test_only_the_splits_wanted_are_fetched(server, tmp_path, manifest):
 
 def test_a_gzipped_mirror_serves_as_well_and_a_cut_file_is_resumed(server, tmp_path, manifest):
     serve_all(server)
-    packed = gzip.compress(AMC)
+    packed = gzip.compress(AMC, mtime=0)
     del server.files["/subjects/01/01_01.amc"]
     server.files["/subjects/01/01_01.amc.gz"] = packed
     server.drop_after = [len(ASF), len(packed) // 2]
