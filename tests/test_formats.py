@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 import pytest
 from follower import Plain, follow_by
-from handmade import broken, bvh, write
+from handmade import broken, bvh, deepmimic, write
 from typer.testing import CliRunner
 from worlds import ARMS_URDF, ARMS_YAML, MARGIN, ROBOTS, coman, edited, write_arms
 
@@ -438,6 +438,18 @@ def test_clips_whose_files_would_be_one_anothers_are_refused(tmp_path, turning, 
     said = run("retarget", tmp_path / "a.bvh", tmp_path / "a.gmr.bvh", "--out", tmp_path / "out",
                "--npz", "--for", "gmr")  # fmt: skip
     assert said.exit_code == 2 and "would both become a.gmr.npz" in said.output
+
+
+def test_a_clip_is_never_replaced_by_what_became_of_it(tmp_path, monkeypatch):
+    """A motion takes its clip's name, and .json and .parquet are suffixes of both."""
+    monkeypatch.setattr(following, "load", lambda *_: follow_by(Plain))
+    monkeypatch.chdir(tmp_path)
+    clip = write(tmp_path / "wave.json", deepmimic(*({} for _ in range(5))))
+    before = clip.read_bytes()
+    for out in (".", "sub/..", str(tmp_path)):
+        said = run("retarget", "wave.json", "--out", out)
+        assert said.exit_code == 2 and "wave.json is a clip" in said.output
+    assert clip.read_bytes() == before and list(tmp_path.iterdir()) == [clip]
 
 
 def test_rows_that_are_not_at_the_rate_are_in_no_layout(tmp_path, crowded):

@@ -122,7 +122,7 @@ def retarget(
             raise ModelError(f"{model} is for robot '{own}', not '{robot}'")
         suffixes = [".parquet", *[".csv"] * csv, *[".npz"] * npz]
         shape = _shape(follower, full, tools or [], root_height)
-        _refuse_overlap(paths, suffixes, shape.tools)
+        _refuse_overlap(paths, out, suffixes, shape.tools)
         how = {
             "rate": rate,
             "even": bool(shape.tools),
@@ -175,16 +175,20 @@ def _clips(given: list[Path]) -> list[Path]:
     return paths
 
 
-def _refuse_overlap(paths: list[Path], suffixes: list[str], tools: list[Tool]) -> None:
-    """Refuse clips whose files would be one another's, as those of `a` and `a.gmr`."""
+def _refuse_overlap(paths: list[Path], out: Path, suffixes: list[str], tools: list[Tool]) -> None:
+    """Refuse clips whose files would be one another's, as those of `a` and `a.gmr`, or a clip."""
     from s3le.mocap.clip import clip_name
     from s3le.trajectory import layouts
 
     ends = [*suffixes, ".json", *(layouts.SUFFIX[tool] for tool in tools)]
     ends += [f"{end}.json" for end in ends if end.endswith(".csv")]
     writer: dict[str, Path] = {}
+    given = {path.resolve(): path for path in paths}
     for path in paths:
         for name in (clip_name(path) + end for end in ends):
+            if clip := given.get((out / name).resolve()):
+                raise ParameterError(f"{clip} is a clip, and would be replaced by a result of that "
+                                     "name; give another folder as --out")  # fmt: skip
             if (other := writer.setdefault(name, path)) is not path:
                 raise ParameterError(f"{other} and {path} would both become {name}; write them "
                                      "to two folders")  # fmt: skip
