@@ -72,4 +72,7 @@ def _wheel(package: str, folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except FetchError as refusal:
+        sys.exit(str(refusal))

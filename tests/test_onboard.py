@@ -436,8 +436,6 @@ def test_a_robot_file_that_makes_no_sense_is_refused_in_a_line(plain, change, wa
     assert "\n" not in str(refusal.value)
 
 
-
-
 # --- robots as they are sold
 
 
