@@ -19,9 +19,10 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import typer
 
-from s3le import clipframes, conversion, following
+from s3le import following
 from s3le.errors import ParameterError
 from s3le.following import Follower
+from s3le.human.skeletons import read_frames
 from s3le.kernels import batch
 from s3le.skeleton import cosine_distance
 from s3le.video import convert, process
@@ -83,8 +84,8 @@ def _side(path: Path, made: convert.Skeletons, follower: Follower) -> Side:
     with tempfile.TemporaryDirectory() as scratch:
         clip = Path(scratch) / f"{path.stem}.parquet"
         convert.write(made, clip)
-        frames = clipframes.read(clip, follower.machine.neck)
-    done = conversion.convert(follower, frames).trajectory
+        frames = read_frames(clip, follower.machine.neck)
+    done = clip.convert(follower, frames).trajectory
     rows = np.searchsorted(done.time, frames.time - 1e-6)
     robot = batch.skeletons(follower.machine.chain, done.q[rows])
     return Side(path.name, frames.frame, frames.x, robot, made.about)

@@ -14,11 +14,13 @@ import numpy as np
 import typer
 from tqdm import tqdm
 
-from s3le import coverage, machine, store
-from s3le.samplers import SAMPLERS
+from s3le import machine
+from s3le.human.splits import test_rows
+from s3le.human.tables import SKELETONS
 from s3le.skeleton import DIM
-from s3le.splits import test_rows
-from s3le.tables.skeletons import SKELETONS
+from s3le.store import tables
+from s3le.study import coverage
+from s3le.tuples.samplers import SAMPLERS
 
 
 def main(
@@ -32,7 +34,7 @@ def main(
 ) -> None:
     """Print mean and standard deviation over seeds; assert nothing but feasibility."""
     it = machine.make(robot, margin, "midpoint")
-    frames = store.read(SKELETONS, skeletons)
+    frames = tables.read(SKELETONS, skeletons)
     at = test_rows(frames)
     split = frames["split"][at]
     humans = {str(name): frames["x"][at[split == name]] for name in np.unique(split)}

@@ -19,8 +19,7 @@ import typer
 from tqdm import tqdm
 from tuple_cost import one_core
 
-from s3le import clipframes
-from s3le.clipframes import ClipFrames
+from s3le.human.skeletons import ClipFrames, read_frames
 from s3le.kernels import batch
 from s3le.retarget import Retargeter
 from s3le.retarget.mode import Mode
@@ -55,7 +54,7 @@ def main(
     free.speed = np.full_like(limited.speed, NO_LIMIT)
     machine = limited.machine
     hulls = HullCheck(machine.robot)
-    found = [clipframes.read(clip, machine.neck, rate=RATE) for clip in clips]
+    found = [read_frames(clip, machine.neck, rate=RATE) for clip in clips]
     print(
         f"{machine.robot.name}: {machine.robot.n_dof} joints, at most {limited.speed.min():g} to "
         f"{limited.speed.max():g} rad/s; {len(machine.watched)} pairs of bodies watched, "

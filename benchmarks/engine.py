@@ -18,9 +18,9 @@ import typer
 from tqdm import tqdm
 
 from s3le import machine
-from s3le.engine import run
-from s3le.samplers import SAMPLERS
-from s3le.shards import TupleShards
+from s3le.tuples.engine import run
+from s3le.tuples.samplers import SAMPLERS
+from s3le.tuples.shards import TupleShards
 
 EVERY = 0.5  # [s] between two looks at the memory
 

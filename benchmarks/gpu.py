@@ -19,7 +19,7 @@ from s3le import machine
 from s3le.gpu import batch as gpu
 from s3le.gpu.chain import device_of
 from s3le.kernels import batch
-from s3le.sampling import relaxed_limits
+from s3le.tuples.sampling import relaxed_limits
 
 
 def timed(work: Callable, warm: bool) -> tuple[float, object]:

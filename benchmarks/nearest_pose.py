@@ -19,9 +19,10 @@ sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from reference import around, search  # noqa: E402  (the tests measure against it too)
 
 from pipeline.stage import bar  # noqa: E402
-from s3le import machine, sampling  # noqa: E402
+from s3le import machine
 from s3le.kernels import batch  # noqa: E402
 from s3le.rng import stream  # noqa: E402
+from s3le.tuples import sampling  # noqa: E402
 
 POOL = 2000  # feasible poses that random starts are chosen from
 ROUNDING = 1e-9  # [rad]

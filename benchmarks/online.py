@@ -23,13 +23,16 @@ import typer
 from stored import where
 from tuple_cost import one_core
 
-from s3le import neighbours, splits, store
-from s3le.kernels import batch, guard, segment
+from s3le.human import splits
+from s3le.human.tables import SKELETONS
+from s3le.kernels import batch
 from s3le.report import records
-from s3le.retarget import bundle, retrieval
+from s3le.retarget import guard, propose
 from s3le.retarget.mode import Mode
 from s3le.retarget.stream import Retargeter
-from s3le.tables.skeletons import SKELETONS
+from s3le.safety import segment
+from s3le.search import neighbours
+from s3le.store import documents, tables
 
 DT = 1.0 / 30.0
 RECORD = Path("reports/latency.json")
@@ -44,10 +47,10 @@ def main(
     record: Annotated[bool, typer.Option("--record", help=f"write {RECORD} too")] = False,
 ) -> None:
     """Print the table."""
-    it = bundle.load(folder, {"check": check})
+    it = folder.load(folder, {"check": check})
     if skeleton:
         it = by_skeleton(it)
-    table = store.read(SKELETONS, skeletons)
+    table = tables.read(SKELETONS, skeletons)
     x = table["x"][splits.test_rows(table)]
     settings = it.settings
     print(
@@ -87,13 +90,13 @@ def main(
             "settings": asdict(settings), "frames": frames, "modes": shares, "rows": rows,
         }  # fmt: skip
         records.checked(tree, f"{RECORD}: ")
-        store.write_json(tree, RECORD)
+        documents.write_json(tree, RECORD)
         print(f"recorded in {RECORD}")
 
 
 def method_of(folder: Path) -> str:
     """What proposes the poses of an exported retargeter, and by which distance it looks them up."""
-    about = store.read_json(folder / bundle.ABOUT, "export")
+    about = documents.read_json(folder / folder.ABOUT, "export")
     return f"{about['method']}, {about['metric']}"
 
 
@@ -125,7 +128,7 @@ def by_skeleton(it: Retargeter) -> Retargeter:
     """The same retargeter with the same poses, found by their skeletons without a network."""
     poses = it._proposer._poses
     index = neighbours.build(batch.skeletons(it.machine.chain, poses), "l2")
-    proposer = retrieval.LookUp(poses, index, it.settings.k, None)
+    proposer = propose.LookUp(poses, index, it.settings.k, None)
     other = Retargeter(it.machine, proposer, it.settings)
     other.warm_up()
     return other

@@ -25,12 +25,13 @@ sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from reference import OneByOne  # noqa: E402  (the tests measure against it too)
 
 from pipeline.stage import bar  # noqa: E402
-from s3le import machine, sampling  # noqa: E402
+from s3le import machine
 from s3le.kernels import batch  # noqa: E402
 from s3le.kernels.distance import reach  # noqa: E402
 from s3le.kernels.solver import blend  # noqa: E402
 from s3le.machine import Machine  # noqa: E402
-from s3le.shards import TupleShards  # noqa: E402
+from s3le.tuples import sampling  # noqa: E402
+from s3le.tuples.shards import TupleShards  # noqa: E402
 
 
 @dataclass

@@ -2,7 +2,7 @@
 
     python benchmarks/query_time.py [--sizes 10000,...,1000000] [--clips FOLDER] [--draw-only]
 
-Looking at all rows, and the walk over a graph beside it (s3le/neighbours.py), one query a call,
+Looking at all rows, and the walk over a graph beside it (s3le/search), one query a call,
 eight rows wanted, on one thread. Queries are people. Writes reports/study/query_time.csv and
 draws reports/study/query_time.png; times are processor time of the asking thread.
 """
@@ -15,9 +15,10 @@ import typer
 from stored import SEED, SPACES, World, timed, true_distances, where, worlds
 
 from pipeline.stage import bar
-from s3le import neighbours, store
 from s3le.kernels.threads import use_threads
 from s3le.report import growth
+from s3le.search import neighbours
+from s3le.store import documents
 
 K = 8  # rows wanted
 NEAR = 1.01
@@ -39,7 +40,7 @@ def main(
 ) -> None:
     """Measure, write the table, draw it."""
     if not draw_only:
-        store.write_csv(measure(sizes, spaces, queries, clips, data, cache), TABLE)
+        documents.write_csv(measure(sizes, spaces, queries, clips, data, cache), TABLE)
     draw()
 
 
@@ -87,7 +88,7 @@ def measure(
 
 def draw() -> None:
     """Draw the table."""
-    rows = store.read_csv(TABLE, "query_time")
+    rows = documents.read_csv(TABLE, "query_time")
     worst = min(row["within_1_percent"] for row in rows if row["search"] == "walk")
     note = (
         f"Thick: median, thin: 99th percentile; {K} nearest of one human frame, one thread of "

@@ -20,12 +20,15 @@ sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from reference import OneByOne  # noqa: E402  (the tests measure against it too)
 
 from pipeline.stage import bar  # noqa: E402
-from s3le import online, sampling, splits, store  # noqa: E402
+from s3le.human import splits
+from s3le.human.tables import SKELETONS  # noqa: E402
 from s3le.kernels import batch  # noqa: E402
 from s3le.retarget import Retargeter  # noqa: E402
 from s3le.rng import stream  # noqa: E402
 from s3le.skeleton import cosine_distance  # noqa: E402
-from s3le.tables.skeletons import SKELETONS  # noqa: E402
+from s3le.store import tables
+from s3le.study import followed
+from s3le.tuples import sampling  # noqa: E402
 
 STARTS = 22  # of the other solver, for each frame
 SLOWED = ("limited", "eased")
@@ -39,7 +42,7 @@ def main(
     seed: Annotated[int, typer.Option(help="root of the random streams")] = 0,
 ) -> None:
     """Print the tables."""
-    table = store.read(SKELETONS, skeletons)
+    table = tables.read(SKELETONS, skeletons)
     rows = splits.test_rows(table)
     x, clips, times = table["x"][rows], table["clip"][rows], table["time"][rows]
     own = Retargeter.load(folder)
@@ -52,14 +55,14 @@ def main(
     for refine in (False, True):
         for brake in BRAKES:
             it = Retargeter.load(folder, {"brake": brake, "check": False})
-            q, mode = online.follow(it.machine, it, clips, times, x, refine)
+            q, mode = followed.follow(it.machine, it, clips, times, x, refine)
             wanted = _wanted(it, clips, times, x) if refine else None
             _say(it, refine, brake, wanted, q, mode, clips, times, x)
             if refine and brake == own.settings.brake:
                 kept = wanted, q
     if optimum:
         if kept is None:
-            q, _ = online.follow(own.machine, own, clips, times, x, True)
+            q, _ = followed.follow(own.machine, own, clips, times, x, True)
             kept = _wanted(own, clips, times, x), q
         _to_optimum(own, x, *kept, min(optimum, len(x)), seed)
 

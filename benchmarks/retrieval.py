@@ -20,8 +20,8 @@ import numpy as np
 import typer
 from stored import SPACES, World, timed, true_distances, worlds
 
-from s3le import neighbours
 from s3le.kernels.threads import use_threads
+from s3le.search import neighbours
 
 K = 8  # rows wanted
 NEAR = 1.01
@@ -39,7 +39,7 @@ class Made(NamedTuple):
 
 
 def walk(z: np.ndarray, folder: Path) -> Iterator[Made]:
-    """This project's own, s3le/neighbours.py."""
+    """This project's own, s3le/search/neighbours.py."""
     neighbours.build(z[:200])  # compiles
     index, build = spent(lambda: neighbours.build(z))
     index.save(folder / "walk")

@@ -23,11 +23,12 @@ from tuple_cost import one_core
 sys.path.append(str(Path(__file__).parent / "judge"))
 from engines import spec_of  # noqa: E402
 
-from s3le import clipframes, segments  # noqa: E402
+from s3le.human.skeletons import read_frames
 from s3le.kernels import batch  # noqa: E402
 from s3le.machine import Machine  # noqa: E402
 from s3le.retarget import Retargeter  # noqa: E402
 from s3le.robot.model import reduced  # noqa: E402
+from s3le.safety import paths  # noqa: E402
 from s3le.skeleton import cosine_distance  # noqa: E402
 
 POINTS = ("r_shoulder", "r_elbow", "r_hand", "l_shoulder", "l_elbow", "l_hand")
@@ -62,7 +63,7 @@ def main(
     machine = it.machine
     if clip is None:
         clip = sorted(Path("data/clips").glob("*/test/*"))[0]
-    given = clipframes.read(clip, machine.neck, rate=rate)
+    given = read_frames(clip, machine.neck, rate=rate)
     x, times = given.x[:frames], given.time[:frames]
     print(
         f"{machine.robot.name}, {given.name}, {len(x)} frames at {rate:g} Hz, "
@@ -229,13 +230,13 @@ def _say(it: Retargeter, run: Run, x: np.ndarray, times: np.ndarray) -> None:
     machine = it.machine
     far = cosine_distance(batch.skeletons(machine.chain, run.q), x)
     clearance = batch.clearances(machine.chain, run.q)
-    paths = segments.certify(machine, run.q, it.settings.between)
+    proven = paths.certify(machine, run.q, it.settings.between)
     fast = (np.abs(np.diff(run.q, axis=0)) > it.speed * np.diff(times)[:, None] + 1e-9).any(axis=1)
     p50, p99 = np.quantile(run.seconds, [0.5, 0.99]) * 1e6
     print(
         f"{run.name:34}{p50:11.0f}{p99:8.0f}{far.mean():10.4f}{np.quantile(far, 0.95):8.3f}"
         f"{np.mean(clearance < 0.0):9.1%}{np.mean(clearance < machine.margin):9.1%}"
-        f"{np.mean(paths.status != segments.CERTIFIED):17.1%}{fast.mean():9.1%}{run.failed:7d}",
+        f"{np.mean(proven.status != paths.CERTIFIED):17.1%}{fast.mean():9.1%}{run.failed:7d}",
         flush=True,
     )
 

@@ -18,13 +18,14 @@ import numpy as np
 import typer
 from tuple_cost import one_core, timed
 
-from s3le import machine, sampling, store
+from s3le import machine
 from s3le.kernels import batch
 from s3le.machine import Machine
 from s3le.rng import stream
-from s3le.segments import CERTIFIED, COLLIDES, UNDECIDED, Prover, Segments, certify
-from s3le.tables.ground_truth import ground_truth
-from s3le.tables.retargeted import retargeted
+from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, Prover, Segments, certify
+from s3le.store import tables
+from s3le.study.tables import ground_truth, retargeted
+from s3le.tuples import sampling
 
 RATE = 30.0  # [Hz]
 WALK = 250  # steps of a random walk
@@ -80,7 +81,7 @@ def clips(table, path: Path) -> list[np.ndarray]:
     """Poses of each clip in a table [rad], in order; nothing where there is no table."""
     if not path.exists():
         return []
-    found = store.read(table, path, columns=["clip", "frame", "q"])
+    found = tables.read(table, path, columns=["clip", "frame", "q"])
     cuts = 1 + np.flatnonzero(
         (found["clip"][1:] != found["clip"][:-1]) | (np.diff(found["frame"]) != 1)
     )

@@ -17,12 +17,15 @@ import numpy as np
 import polars as pl
 
 from pipeline.stage import bar
-from s3le import artifact, machine, motion, store
+from s3le import machine
+from s3le.human import dataset
+from s3le.human.read import SUFFIXES, read_clip, suffix_of
+from s3le.human.splits import test_rows
+from s3le.human.tables import SKELETONS
 from s3le.kernels import batch
-from s3le.mocap.read import SUFFIXES, read_clip, suffix_of
-from s3le.sampling import relaxed_limits
-from s3le.splits import test_rows
-from s3le.tables.skeletons import SKELETONS
+from s3le.learn import artifact
+from s3le.store import tables
+from s3le.tuples.sampling import relaxed_limits
 
 SPACES = {"s3le": "s3le latents", "skeleton": "skeletons"}
 ALPHA = 0.2  # relaxation of the poses beyond the pipeline's own [-]
@@ -83,7 +86,7 @@ def _poses(it: machine.Machine, data: Path, rows: int, cache: Path | None) -> np
             made = batch.project(it.chain, it.robot.anchor, more, it.margin, progress).q
         q = np.concatenate([q, made])
     if cache:
-        store.replace(cache, lambda part: _save(part, q))
+        tables.replace(cache, lambda part: _save(part, q))
     return q[:rows]
 
 
@@ -94,13 +97,13 @@ def _save(part: Path, q: np.ndarray) -> None:
 
 def _people(data: Path, clips: Path | None) -> np.ndarray:
     if clips is None:
-        frames = store.read(SKELETONS, data / "skeletons.parquet")
+        frames = tables.read(SKELETONS, data / "skeletons.parquet")
         return frames["x"][test_rows(frames)]
     parts = []
     for path in sorted(p for p in clips.rglob("*") if suffix_of(p) in SUFFIXES):
         clip = read_clip(path)
         step = max(1, round(clip.fps / RATE))
-        parts.append(motion.skeletons(clip.points[::step], "midpoint", TILT).x)
+        parts.append(dataset.skeletons(clip.points[::step], "midpoint", TILT).x)
     return np.concatenate(parts)
 
 

@@ -14,16 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.stage import bar, say
-from s3le import sampling, store
-from s3le.certified import certificate
-from s3le.engine import run
 from s3le.kernels import batch
 from s3le.kernels.distance import reach
 from s3le.kernels.solver import blend, minimise
 from s3le.machine import Machine
-from s3le.shards import TupleShards
-from s3le.tables.kinematic_pairs import kinematic_pairs
-from s3le.tables.tuples import HOW
+from s3le.store import tables
+from s3le.tuples import sampling
+from s3le.tuples.certified import certificate
+from s3le.tuples.engine import run
+from s3le.tuples.shards import TupleShards
+from s3le.tuples.tables import HOW, kinematic_pairs
 
 SHARD = 2000  # rows; small, so that every core makes many
 PROJECTION, COAL = "projection", "coal certificate"
@@ -94,7 +94,7 @@ def measure(it: Machine, rows: int, alpha: float) -> Cost:
         "projection": np.array(HOW)[found.how],
     }  # fmt: skip
     table = kinematic_pairs(arm.n_dof, it.margin)
-    data, parts["Parquet"] = timed(lambda: store.encode(columns | report, table, it.tag), rows, 3)
+    data, parts["Parquet"] = timed(lambda: tables.encode(columns | report, table, it.tag), rows, 3)
     clipped = np.clip(q, arm.lower, arm.upper)
     clearance, clearance_us = timed(lambda: batch.clearances(chain, clipped), rows, 3)
     hit = clearance < it.margin

@@ -12,10 +12,11 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from s3le import clipframes, conversion, following, store
-from s3le.report import solid, strip
-from s3le.scene import motion, raster, rows
-from s3le.scene.human import LEFT, MIDDLE, RIGHT
+from s3le import following
+from s3le.human.skeletons import read_frames
+from s3le.show import motions, raster, rows, solid, strip
+from s3le.show.human import LEFT, MIDDLE, RIGHT
+from s3le.store import documents
 from s3le.video import convert, process
 from s3le.video.decode import Video
 from s3le.video.estimator import JOINTS
@@ -53,18 +54,18 @@ def main(
     follower = following.load(folder, None)
     robot = follower.machine
     try:
-        frames = clipframes.read(clip, robot.neck)
+        frames = read_frames(clip, robot.neck)
     finally:
         clip.unlink()
-    done = conversion.convert(follower, frames)
+    done = clip.convert(follower, frames)
     summary = done.summary
 
     known = np.flatnonzero(made.status == "seen")
     pick = known[np.linspace(0, len(known) - 1, moments).round().astype(int)]
     times = made.time[pick]
     seen = np.abs(looked.time[:, None] - times).argmin(axis=0)
-    human = motion.Human(path.stem, frames.time, frames.x)
-    shown = motion.of(done.trajectory, path, robot)
+    human = motions.Human(path.stem, frames.time, frames.x)
+    shown = motions.of(done.trajectory, path, robot)
     told = rows.robot(shown, times, 0, False)
     note = [f"{c * 1e3:.1f} mm" for c in told.clearance]
     name = robot.robot.name
@@ -107,7 +108,7 @@ def main(
         f"cosine distance of robot to skeleton {numbers['to_human']:.4f}."
         + (f" {credit.rstrip('.')}." if credit else "")
     )
-    store.write_json(
+    documents.write_json(
         {"title": "From a plain video", "caption": caption, "numbers": numbers},
         out / "figure.json",
     )

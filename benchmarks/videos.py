@@ -18,7 +18,7 @@ import zipfile
 from pathlib import Path
 
 from s3le.errors import FetchError
-from s3le.files import replace
+from s3le.store.atomic import replace
 
 PLACE = Path("data/downloads/video")
 WANTED = {

@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read, say
-from s3le import clips, store
-from s3le.tables.mocap_points import MOCAP_POINTS
+from s3le.human import dataset
+from s3le.human.tables import MOCAP_POINTS
+from s3le.store import tables
 
 CLIPS = Path("data/clips")
 CACHE = Path("data/downloads")
@@ -26,12 +27,12 @@ class Params:
 def main() -> None:
     """Find the clips, read them all, write their joint positions."""
     params = read(Params)
-    found = clips.find(params.clips, CLIPS, CACHE, params.clips_mirror, params.clips_missing)
+    found = dataset.find(params.clips, CLIPS, CACHE, params.clips_mirror, params.clips_missing)
     for line in found.left_out:
         say(f"left out: {line}")
     with bar(len(found.clips), "reading clips", unit="clips", wait="") as progress:
-        frames = clips.load(found, progress)
-    store.write(frames._asdict(), MOCAP_POINTS, OUT)
+        frames = dataset.load(found, progress)
+    tables.write(frames._asdict(), MOCAP_POINTS, OUT)
 
 
 if __name__ == "__main__":

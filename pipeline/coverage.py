@@ -5,10 +5,12 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import coverage, machine, store
-from s3le.samplers import SAMPLERS
-from s3le.tables.mocap_pairs import mocap_pairs
-from s3le.tables.skeletons import SKELETONS
+from s3le import machine
+from s3le.human.tables import SKELETONS
+from s3le.store import documents, tables
+from s3le.study import coverage
+from s3le.tuples.samplers import SAMPLERS
+from s3le.tuples.tables import mocap_pairs
 
 ROBOT = Path("data/robot")
 DATA = Path("data")
@@ -30,13 +32,13 @@ def main() -> None:
     params = read(Params)
     robot = machine.read(ROBOT)
     table = mocap_pairs(robot.robot.n_dof, robot.margin)
-    pairs = store.read(table, DATA / "mocap_pairs.parquet", robot.tag, ["x_feasible"])
-    frames = store.read(SKELETONS, DATA / "skeletons.parquet")
+    pairs = tables.read(table, DATA / "mocap_pairs.parquet", robot.tag, ["x_feasible"])
+    frames = tables.read(SKELETONS, DATA / "skeletons.parquet")
     with bar(2 * len(SAMPLERS) * params.rows, "coverage") as progress:
         rows = coverage.table(
             robot, frames, pairs["x_feasible"], params.rows, params.alpha, params.seed, progress
         )
-    store.write_csv(rows, OUT)
+    documents.write_csv(rows, OUT)
 
 
 if __name__ == "__main__":

@@ -5,11 +5,14 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, launch
-from s3le import comparison, machine, methods, splits, store
-from s3le.tables.ground_truth import ground_truth
-from s3le.tables.index import index
-from s3le.tables.retargeted import retargeted
-from s3le.tables.skeletons import SKELETONS
+from s3le import machine
+from s3le.human import splits
+from s3le.human.tables import SKELETONS
+from s3le.learn import methods
+from s3le.learn.table import index
+from s3le.store import documents, tables
+from s3le.study import comparison
+from s3le.study.tables import ground_truth, retargeted
 
 ROBOT = Path("data/robot")
 DATA = Path("data")
@@ -31,17 +34,17 @@ def main(name: str) -> None:
     entry = methods.entry(name)
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
-    frames = store.read(SKELETONS, SKELETON_ROWS)
-    truth = store.read(ground_truth(n_dof, robot.margin), TRUTH, robot.tag)
+    frames = tables.read(SKELETONS, SKELETON_ROWS)
+    truth = tables.read(ground_truth(n_dof, robot.margin), TRUTH, robot.tag)
     rows = splits.test_rows(frames)
     frames = {column: values[rows] for column, values in frames.items()}
     pool = metric = None
     if entry.pool:
         stored = DATA / f"index-{name}.parquet"
         stage = f"index@{name}"
-        metric = store.read_note(stored, "metric", stage)
-        latent = int(store.read_note(stored, "latent", stage))
-        pool = store.read(index(n_dof, robot.margin, latent), stored, robot.tag)
+        metric = tables.read_note(stored, "metric", stage)
+        latent = int(tables.read_note(stored, "latent", stage))
+        pool = tables.read(index(n_dof, robot.margin, latent), stored, robot.tag)
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
     with bar(2 * len(rows), name) as progress:
         if entry.online:
@@ -50,8 +53,8 @@ def main(name: str) -> None:
             x = frames["x"]
             answered = comparison.stored(robot, entry, x, pool, model, metric, progress)
         columns, figures = comparison.judge(robot, name, entry, frames, truth, answered, progress)
-    store.write(columns, retargeted(n_dof), DATA / f"retargeted-{name}.parquet", robot.tag)
-    store.write_json(figures, FIGURES / f"evaluate-{name}.json")
+    tables.write(columns, retargeted(n_dof), DATA / f"retargeted-{name}.parquet", robot.tag)
+    documents.write_json(figures, FIGURES / f"evaluate-{name}.json")
 
 
 if __name__ == "__main__":

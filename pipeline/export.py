@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import machine, store
-from s3le.retarget import bundle
+from s3le import machine
+from s3le.learn.table import index
+from s3le.retarget import exported
 from s3le.retarget.settings import RANGES, Settings
-from s3le.tables.index import index
+from s3le.store import tables
 
 ROBOT = Path("data/robot")
 DATA = Path("data")
@@ -25,7 +26,7 @@ class Params:
     """How the exported retargeter works (s3le/retarget/settings.py)."""
 
     section: ClassVar[str] = "export"
-    method: str = knob("what proposes poses", one_of=bundle.METHODS)
+    method: str = knob("what proposes poses", one_of=exported.METHODS)
     k: int = _number("k", "poses that the look-up proposes")
     iterations: int = _number("iterations", "most iterations of each solve")
     target: float = _number("target", "clearance that refinement aims at [m]")
@@ -50,12 +51,12 @@ def main() -> None:
     if method in INDEX:
         name = INDEX[method]
         path = DATA / f"index-{name}.parquet"
-        metric = store.read_note(path, "metric", f"index@{name}")
-        latent = int(store.read_note(path, "latent", f"index@{name}"))
-        rows = store.read(index(it.robot.n_dof, it.margin, latent), path, it.tag)
+        metric = tables.read_note(path, "metric", f"index@{name}")
+        latent = int(tables.read_note(path, "latent", f"index@{name}"))
+        rows = tables.read(index(it.robot.n_dof, it.margin, latent), path, it.tag)
     model = None if method == "skeleton" else DATA / f"model-{method}.safetensors"
     with bar(len(rows["row"]) if rows else 0, "neighbours") as progress:
-        bundle.save(OUT, it, method, metric, Settings(**chosen), rows, model, progress)
+        exported.save(OUT, it, method, metric, Settings(**chosen), rows, model, progress)
 
 
 if __name__ == "__main__":

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read
-from s3le import machine, methods, pool, store
-from s3le.index import LATENT_METRICS
-from s3le.tables.index import index
-from s3le.tables.kinematic_pairs import kinematic_pairs
-from s3le.tables.mocap_pairs import mocap_pairs
-from s3le.tables.robot_poses import robot_poses
+from s3le import machine
+from s3le.learn import methods, pool
+from s3le.learn.table import index
+from s3le.search.metrics import LATENT_METRICS
+from s3le.store import tables
+from s3le.tuples.tables import kinematic_pairs, mocap_pairs, robot_poses
 
 ROBOT = Path("data/robot")
 DATA = Path("data")
@@ -28,7 +28,7 @@ PLACE = {  # one file, or a folder of shards
 
 @dataclass(frozen=True, kw_only=True)
 class Params:
-    """How neighbours are measured; what is stored follows from the entry (s3le/methods.py)."""
+    """How neighbours are measured; what is stored follows from the entry (learn/methods.py)."""
 
     section: ClassVar[str] = "index"
     metric_s3le: str = knob("distance between latents, d_Y of eq. (dlu)", one_of=LATENT_METRICS)
@@ -44,7 +44,7 @@ def main(name: str) -> None:
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
     tables = {
-        part: store.read(
+        part: tables.read(
             TABLES[part](n_dof, robot.margin), DATA / PLACE[part], robot.tag, pool.columns(part)
         )
         for part in names
@@ -55,7 +55,7 @@ def main(name: str) -> None:
     # Between skeletons L2 is it: its square is 14 times the mean cosine distance.
     metric = {"s3le": params.metric_s3le, "lwl2": params.metric_lwl2}.get(entry.model, "l2")
     note = {"metric": metric, "latent": str(latent)}
-    store.write(columns, table, DATA / f"index-{name}.parquet", robot.tag, note)
+    tables.write(columns, table, DATA / f"index-{name}.parquet", robot.tag, note)
 
 
 if __name__ == "__main__":

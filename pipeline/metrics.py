@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
-from s3le import machine, metrics, store
-from s3le.methods import ENTRIES, label
-from s3le.tables.ground_truth import ground_truth
+from s3le import machine
+from s3le.learn.methods import ENTRIES, label
+from s3le.store import documents, tables
+from s3le.study import metrics
+from s3le.study.tables import ground_truth
 
 ROBOT = Path("data/robot")
 COUNTS = Path("data/counts")
@@ -34,15 +36,15 @@ def main() -> None:
     tree, table, motions = metrics.merge(
         robot,
         params.clips,
-        {stage: store.read_json(COUNTS / f"{stage}.json", stage) for stage in stages},
-        store.read(ground_truth(robot.robot.n_dof, robot.margin), TRUTH, robot.tag),
-        {e: store.read_json(COUNTS / f"evaluate-{e}.json", f"evaluate@{e}") for e in ENTRIES},
-        store.read_csv(COVERAGE, "coverage"),
-        store.read_json(COUNTS / "synthetic.json", "synthetic"),
+        {stage: documents.read_json(COUNTS / f"{stage}.json", stage) for stage in stages},
+        tables.read(ground_truth(robot.robot.n_dof, robot.margin), TRUTH, robot.tag),
+        {e: documents.read_json(COUNTS / f"evaluate-{e}.json", f"evaluate@{e}") for e in ENTRIES},
+        documents.read_csv(COVERAGE, "coverage"),
+        documents.read_json(COUNTS / "synthetic.json", "synthetic"),
     )
-    store.write_json(tree, OUT)
-    store.write_csv(table, METHODS)
-    store.write_csv(motions, MOTIONS)
+    documents.write_json(tree, OUT)
+    documents.write_csv(table, METHODS)
+    documents.write_csv(motions, MOTIONS)
     for split, part in tree["splits"].items():
         say(f"{split}: mean cosine distance to the ground truth, collisions")
         for name, found in part["methods"].items():

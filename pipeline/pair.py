@@ -5,9 +5,12 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import machine, pairing, splits, store
-from s3le.tables.mocap_pairs import mocap_pairs
-from s3le.tables.skeletons import SKELETONS
+from s3le import machine
+from s3le.human import splits
+from s3le.human.tables import SKELETONS
+from s3le.store import documents, tables
+from s3le.tuples import pairing
+from s3le.tuples.tables import mocap_pairs
 
 ROBOT = Path("data/robot")
 SKELETON_ROWS = Path("data/skeletons.parquet")
@@ -28,13 +31,13 @@ def main() -> None:
     """Retarget training frames without limits and collisions, then project."""
     params = read(Params)
     robot = machine.read(ROBOT)
-    frames = store.read(SKELETONS, SKELETON_ROWS)
+    frames = tables.read(SKELETONS, SKELETON_ROWS)
     count = len(splits.train_rows(frames, params.rows))
     with bar(2 * count, "mocap pairs") as progress:
         columns, counts = pairing.pair(robot, frames, count, params.ridge, progress)
     table = mocap_pairs(robot.robot.n_dof, robot.margin)
-    store.write(columns, table, OUT, robot.tag)
-    store.write_json(counts, COUNTS)
+    tables.write(columns, table, OUT, robot.tag)
+    documents.write_json(counts, COUNTS)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say, shards_bar
-from s3le import machine, store
-from s3le.engine import run
-from s3le.shards import PoseShards
+from s3le import machine
+from s3le.store import documents
+from s3le.tuples.engine import run
+from s3le.tuples.shards import PoseShards
 
 ROBOT = Path("data/robot")
 OUT = Path("data/robot_poses")
@@ -39,7 +40,7 @@ def main() -> None:
     with shards_bar(params.rows, "robot poses") as progress:
         counts = run.produce(task, params.rows, OUT, where, progress, say)
     share = counts["accepted"] / counts["drawn"]
-    store.write_json({"rows": counts["rows"], "accepted_share": share}, COUNTS)
+    documents.write_json({"rows": counts["rows"], "accepted_share": share}, COUNTS)
 
 
 if __name__ == "__main__":

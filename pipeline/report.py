@@ -5,13 +5,15 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import PARAMS, knob, launch, read, say
-from s3le import latents, machine, methods, snapshots, store
-from s3le.report import bars, curves, embed, maps, page, parameters, records, spaces, strip
-from s3le.tables.ground_truth import ground_truth
-from s3le.tables.retargeted import retargeted
-from s3le.tables.robot_poses import robot_poses
-from s3le.tables.skeletons import SKELETONS
-from s3le.tables.synthetic import SYNTHETIC
+from s3le import machine
+from s3le.human.tables import SKELETONS
+from s3le.learn import methods
+from s3le.report import bars, curves, embed, maps, page, parameters, records, spaces
+from s3le.show import strip
+from s3le.store import documents, tables
+from s3le.study import latents, snapshots
+from s3le.study.tables import SYNTHETIC, ground_truth, retargeted
+from s3le.tuples.tables import robot_poses
 
 ROBOT = Path("data/robot")
 DATA = Path("data")
@@ -38,17 +40,17 @@ def main() -> None:
     params = read(Params)
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
-    tree = store.read_json(REPORTS / "metrics.json", "metrics")
-    motions = store.read_csv(REPORTS / "motions.csv", "metrics")
+    tree = documents.read_json(REPORTS / "metrics.json", "metrics")
+    motions = documents.read_csv(REPORTS / "motions.csv", "metrics")
     histories = {
-        name: store.read_csv(REPORTS / "training" / f"{name}.csv", f"train@{name}")
+        name: documents.read_csv(REPORTS / "training" / f"{name}.csv", f"train@{name}")
         for name in TRAINED
     }
-    frames = store.read(SKELETONS, DATA / "skeletons.parquet")
+    frames = tables.read(SKELETONS, DATA / "skeletons.parquet")
     table = ground_truth(n_dof, robot.margin)
-    truth = store.read(table, DATA / "ground_truth.parquet", robot.tag)
+    truth = tables.read(table, DATA / "ground_truth.parquet", robot.tag)
     answers = {
-        name: store.read(retargeted(n_dof), DATA / f"retargeted-{name}.parquet", robot.tag)
+        name: tables.read(retargeted(n_dof), DATA / f"retargeted-{name}.parquet", robot.tag)
         for name in SHOWN
     }
     labels = methods.labels(tree["splits"])
@@ -57,12 +59,12 @@ def main() -> None:
     clip, rows = snapshots.choose(frames, params.strip_clip, params.strip_frames)
     shown = snapshots.strip(robot, frames, rows, truth, answers, dict(labels))
     strip.draw(FIGURES / "strip.png", frames["time"][rows], shown, f"{robot.robot.name}: {clip}")
-    poses = store.read(
+    poses = tables.read(
         robot_poses(n_dof, robot.margin), DATA / "robot_poses", robot.tag, ("q",)
     )
     models = {name: DATA / f"model-{name}.safetensors" for name in TRAINED}
     spaces.draw(FIGURES / "latents.svg", latents.spaces(robot, frames, truth, poses, models))
-    points = store.read(SYNTHETIC, DATA / "synthetic.parquet")
+    points = tables.read(SYNTHETIC, DATA / "synthetic.parquet")
     maps.draw(FIGURES / "synthetic.png", points, tree["synthetic"])
     pictures = {
         "bars": "motions.svg",
@@ -82,7 +84,7 @@ def main() -> None:
         robot_tag=robot.tag,
         video=(records.figure(VIDEO / "figure.json"), embed.read(VIDEO / "figure.png")),
     )
-    store.write_text(text, OUT)
+    documents.write_text(text, OUT)
     size = len(text.encode()) / 1e6
     say(f"open {OUT}: one file of {size:.1f} MB, which needs no network")
 

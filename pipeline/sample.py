@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say, shards_bar
-from s3le import machine, store
-from s3le.certified import projection_summary
-from s3le.engine import run
-from s3le.samplers import SAMPLERS
-from s3le.shards import DEVICES, TupleShards
+from s3le import machine
+from s3le.store import documents
+from s3le.tuples.certified import projection_summary
+from s3le.tuples.engine import run
+from s3le.tuples.samplers import SAMPLERS
+from s3le.tuples.shards import DEVICES, TupleShards
 
 ROBOT = Path("data/robot")
 OUT = Path("data/kinematic_pairs")
@@ -52,7 +53,7 @@ def main() -> None:
     )
     with shards_bar(params.rows, "kinematic pairs") as progress:
         counts = run.produce(task, params.rows, OUT, where, progress, say)
-    store.write_json(projection_summary(counts) | {"alpha": params.alpha}, COUNTS)
+    documents.write_json(projection_summary(counts) | {"alpha": params.alpha}, COUNTS)
 
 
 if __name__ == "__main__":

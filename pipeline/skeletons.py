@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
-from s3le import motion, rng, store
+from s3le import rng
+from s3le.human import dataset
+from s3le.human.tables import MOCAP_DOMAIN, MOCAP_POINTS, SKELETONS
 from s3le.skeleton import NECKS, fixed_in, with_fixed
-from s3le.tables.mocap_domain import MOCAP_DOMAIN
-from s3le.tables.mocap_points import MOCAP_POINTS
-from s3le.tables.skeletons import SKELETONS
+from s3le.store import documents, tables
 
 POINTS = Path("data/mocap_points.parquet")
 ROBOT_BONES = Path("data/robot/bones.json")
@@ -35,10 +35,10 @@ class Params:
 def main() -> None:
     """Resample, face forward, read the seven vectors; augment the training clips."""
     params = read(Params)
-    points = store.read(MOCAP_POINTS, POINTS)
+    points = tables.read(MOCAP_POINTS, POINTS)
     tilt = radians(params.tilt_max)
-    frames, counts = motion.at_rate(points, params.rate, params.neck, tilt)
-    domain, kinds = motion.training_domain(
+    frames, counts = dataset.at_rate(points, params.rate, params.neck, tilt)
+    domain, kinds = dataset.training_domain(
         points,
         params.neck,
         tilt,
@@ -46,12 +46,12 @@ def main() -> None:
         params.noise,
         rng.stream(params.seed, Params.section),
     )
-    fixed = fixed_in(store.read_json(ROBOT_BONES, "robot"), ROBOT_BONES)
+    fixed = fixed_in(documents.read_json(ROBOT_BONES, "robot"), ROBOT_BONES)
     frames = frames._replace(x=with_fixed(frames.x, fixed))
     domain["x"] = with_fixed(domain["x"], fixed)
-    store.write(frames._asdict(), SKELETONS, OUT)
-    store.write(domain, MOCAP_DOMAIN, OUT_DOMAIN)
-    store.write_json({"clips": counts, "domain": kinds}, COUNTS)
+    tables.write(frames._asdict(), SKELETONS, OUT)
+    tables.write(domain, MOCAP_DOMAIN, OUT_DOMAIN)
+    documents.write_json({"clips": counts, "domain": kinds}, COUNTS)
     for split, tally in counts.items():
         say(f"{split}: " + ", ".join(f"{name} {count}" for name, count in tally.items()))
 

@@ -18,9 +18,9 @@ import psutil
 import typer
 from tqdm import tqdm
 
-from s3le import plain_yaml
 from s3le.errors import ParameterError, S3leError
-from s3le.store import write_json
+from s3le.store import yaml
+from s3le.store.documents import write_json
 
 PARAMS = Path("params.yaml")
 TIMING = Path("reports/timing.json")
@@ -56,7 +56,7 @@ def read(params: type, path: Path = PARAMS) -> Any:
             its section is missing, unknown, of the wrong type or out of its range.
     """
     try:
-        tree, _ = plain_yaml.mapping(path, "parameters", ParameterError)
+        tree, _ = yaml.mapping(path, "parameters", ParameterError)
     except FileNotFoundError:
         raise ParameterError(f"{path} is missing here; run from the project's folder") from None
     own = [f.name for f in fields(params) if not f.metadata["shared"]]

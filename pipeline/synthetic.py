@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say, steps_bar
-from s3le import store, synthetic
-from s3le.tables.synthetic import SYNTHETIC
+from s3le.store import documents, tables
+from s3le.study import synthetic
+from s3le.study.tables import SYNTHETIC
 
 OUT = Path("data/synthetic.parquet")
 COUNTS = Path("data/counts/synthetic.json")
@@ -42,8 +43,8 @@ def main() -> None:
     with steps_bar(settings.steps, "synthetic example") as on_step:
         outcomes = synthetic.run(settings, on_step)
     figures = synthetic.figures(outcomes)
-    store.write(synthetic.columns(outcomes, figures["shown"]), SYNTHETIC, OUT)
-    store.write_json(figures, COUNTS)
+    tables.write(synthetic.columns(outcomes, figures["shown"]), SYNTHETIC, OUT)
+    documents.write_json(figures, COUNTS)
     for words in ("without", "with"):
         found = figures[f"{words}_nt_xent"]["error_invariant"]
         say(f"{words} NT-Xent: {found['mean']:.3f} off where the projection is many-to-one")

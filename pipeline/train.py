@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, steps_bar
-from s3le import learning, machine, store
+from s3le import machine
 from s3le.errors import ParameterError
-from s3le.learning import CHOICES, Training
-from s3le.tables.kinematic_pairs import kinematic_pairs
-from s3le.tables.mocap_domain import MOCAP_DOMAIN
-from s3le.tables.mocap_pairs import mocap_pairs
-from s3le.tables.robot_poses import robot_poses
+from s3le.human.tables import MOCAP_DOMAIN
+from s3le.learn import gather
+from s3le.learn.gather import CHOICES, Training
+from s3le.store import documents, tables
+from s3le.tuples.tables import kinematic_pairs, mocap_pairs, robot_poses
 
 ROBOT = Path("data/robot")
 DATA = Path("data")
@@ -106,19 +106,19 @@ def main(method: str) -> None:
     sampled = None
     if method == "s3le":
         table = kinematic_pairs(n_dof, margin)
-        sampled = store.read(table, DATA / "kinematic_pairs", robot.tag, learning.TUPLE)
-    data = learning.gather(
+        sampled = tables.read(table, DATA / "kinematic_pairs", robot.tag, gather.TUPLE)
+    data = gather.gather(
         robot,
-        store.read(mocap_pairs(n_dof, margin), DATA / "mocap_pairs.parquet", robot.tag),
-        store.read(robot_poses(n_dof, margin), DATA / "robot_poses", robot.tag),
-        store.read(MOCAP_DOMAIN, DATA / "mocap_domain.parquet"),
+        tables.read(mocap_pairs(n_dof, margin), DATA / "mocap_pairs.parquet", robot.tag),
+        tables.read(robot_poses(n_dof, margin), DATA / "robot_poses", robot.tag),
+        tables.read(MOCAP_DOMAIN, DATA / "mocap_domain.parquet"),
         sampled,
     )
     out = DATA / f"model-{method}.safetensors"
     checkpoint = CHECKPOINTS / f"{method}.safetensors"
     with steps_bar(hyper.steps, f"training {method}") as on_step:
-        trained = learning.learn(robot, method, data, hyper, out, checkpoint, on_step)
-    store.write_csv(trained.history, CURVES / f"{method}.csv")
+        trained = gather.learn(robot, method, data, hyper, out, checkpoint, on_step)
+    documents.write_csv(trained.history, CURVES / f"{method}.csv")
 
 
 if __name__ == "__main__":

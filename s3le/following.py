@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from s3le import store
 from s3le.errors import ModelError
 from s3le.machine import Machine
+from s3le.store import documents
 
 
 class Streams(Protocol):
@@ -86,14 +86,14 @@ def load(folder: Path, method: str | None = None) -> Follower:
         S3leError: what the folder's own reader refuses.
     """
     try:
-        from s3le.retarget import bundle
+        from s3le.retarget import exported
         from s3le.retarget.mode import Mode
     except ModuleNotFoundError as error:
         raise ModelError(f"{folder}: no retargeter can be run here ({error})") from None
     if not Path(folder).is_dir():
         raise ModelError(f"{folder} holds no retargeter; write one with: dvc repro export")
-    made = bundle.load(Path(folder))
-    own = store.read_json(Path(folder) / bundle.ABOUT, "export").get("method")
+    made = exported.load(Path(folder))
+    own = documents.read_json(Path(folder) / exported.ABOUT, "export").get("method")
     if method not in (None, own):
         raise ModelError(
             f"{folder} retrieves by '{own}', not '{method}'; "

@@ -14,13 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from s3le import store
 from s3le.errors import RobotError
-from s3le.files import replace
-from s3le.kernels import chain
-from s3le.robot import pairs, sense
+from s3le.robot import chain, pairs, sense
 from s3le.robot.certificate import Certifier, point_positions
 from s3le.robot.model import Robot, load
+from s3le.robot.table import ROBOT_PAIRS
 from s3le.skeleton import (
     ABSENT,
     BONES,
@@ -30,7 +28,8 @@ from s3le.skeleton import (
     bone_vectors,
     with_fixed,
 )
-from s3le.tables.robot_pairs import ROBOT_PAIRS
+from s3le.store import documents, tables
+from s3le.store.atomic import replace
 
 ROBOT_FILE, SETTINGS, PAIRS = "robot.yaml", "settings.json", "pairs.parquet"
 BONES_FILE = "bones.json"
@@ -191,10 +190,10 @@ def write(machine: Machine, folder: Path) -> None:
         if file is not None:
             local = local.replace(name, file.name)
             replace(folder / file.name, lambda part, file=file: shutil.copyfile(file, part))
-    store.write_text(local, folder / ROBOT_FILE)
+    documents.write_text(local, folder / ROBOT_FILE)
     settings = {"margin": machine.margin, "neck": machine.neck}
-    store.write_json(settings, folder / SETTINGS)
-    store.write_json({"fixed": machine.fixed}, folder / BONES_FILE)
+    documents.write_json(settings, folder / SETTINGS)
+    documents.write_json({"fixed": machine.fixed}, folder / BONES_FILE)
     bodies = machine.robot.bodies
     rows = [
         (
@@ -208,7 +207,7 @@ def write(machine: Machine, folder: Path) -> None:
         for p in machine.pairs
     ]
     columns = dict(zip(ROBOT_PAIRS.columns, map(np.array, zip(*rows, strict=True)), strict=True))
-    store.write(columns, ROBOT_PAIRS, folder / PAIRS, machine.tag)
+    tables.write(columns, ROBOT_PAIRS, folder / PAIRS, machine.tag)
 
 
 def carried(folder: Path) -> tuple[tuple[str, bytes], ...]:
@@ -241,7 +240,7 @@ def read(folder: Path) -> Machine:
     Raises:
         RobotError, TableError: a file is missing or damaged.
     """
-    settings = store.read_json(folder / SETTINGS, "robot")
+    settings = documents.read_json(folder / SETTINGS, "robot")
     margin, neck = settings.get("margin"), settings.get("neck")
     if type(margin) not in (int, float) or not 0.0 <= margin < 1.0 or neck not in NECKS:
         raise RobotError(

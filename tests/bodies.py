@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from s3le.mocap.keypoints import smpl
+from s3le.human.keypoints import smpl
 from s3le.skeleton import POINTS
 
 # Our x forward, y left, z up in the axes of files.

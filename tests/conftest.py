@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from s3le.engine import lock
+from s3le.tuples.engine import lock
 
 
 def pytest_addoption(parser):

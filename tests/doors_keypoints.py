@@ -29,8 +29,8 @@ def _distances(points: np.ndarray) -> np.ndarray:
 
 def _owed(it: Reading, joints: np.ndarray | None, fps: float | None, scaled: bool = False) -> None:
     """The clip's points lie as those of the joints do, (n, j, at least 3)."""
-    from s3le.mocap.clip import FARTHEST, FPS_RANGE
-    from s3le.mocap.keypoints.layouts import LAYOUTS, pick
+    from s3le.human.clip import FARTHEST, FPS_RANGE
+    from s3le.human.keypoints.layouts import LAYOUTS, pick
 
     clip = it.result
     assert FPS_RANGE[0] <= clip.fps <= FPS_RANGE[1]
@@ -55,7 +55,7 @@ def _owed(it: Reading, joints: np.ndarray | None, fps: float | None, scaled: boo
 
 def _read(name: str) -> Any:
     def door(folder: Path) -> Any:
-        from s3le.mocap.read import read_clip
+        from s3le.human.read import read_clip
 
         return read_clip(folder / name if name else folder)
 

@@ -17,7 +17,7 @@ from handmade import SHARED, amc, asf, bvh, deepmimic
 
 
 def _clip_is_sound(clip: Any) -> None:
-    from s3le.mocap.clip import FARTHEST, FPS_RANGE
+    from s3le.human.clip import FARTHEST, FPS_RANGE
     from s3le.skeleton import POINTS
 
     assert clip.points.shape[1:] == (len(POINTS), 3) and len(clip.points)
@@ -71,7 +71,7 @@ def _amc_owes(it: Reading) -> None:
 def _asf_owes(it: Reading) -> None:
     files, clip = it.files, it.result
     _clip_is_sound(clip)
-    from s3le.mocap.amc import read_asf
+    from s3le.human.amc import read_asf
 
     lines = files["1.asf"].splitlines()
     data = b"\n".join(line for line in lines if not line.lstrip().startswith(b"#"))
@@ -123,7 +123,7 @@ def _deepmimic_owes(it: Reading) -> None:
 
 def _frames(read: Callable) -> Callable[[Path], Any]:
     def door(folder: Path) -> Any:
-        from s3le.mocap.read import read_clip
+        from s3le.human.read import read_clip
 
         return read_clip(folder / read)
 
@@ -164,7 +164,7 @@ def _made(kind: str) -> list[Files]:
 
 def _real(kind: str) -> list[Files]:
     """The beginnings of real clips, where they are at hand."""
-    from s3le.mocap.text import read_bytes
+    from s3le.human.text import read_bytes
 
     if kind == "deepmimic":
         found = []
@@ -195,7 +195,7 @@ CMU = ("trial", "description", "fps", "split", "sha256", "asf_sha256")
 
 
 def _manifest(folder: Path) -> Any:
-    from s3le.mocap import manifest
+    from s3le.human import manifest
 
     rows = manifest.manifest(folder / "m.csv", CMU)
     return [(row, manifest.rate(folder / "m.csv", row["trial"], row["fps"])) for row in rows]
@@ -235,14 +235,14 @@ def _door(kind: str, real: bool) -> Door:
 
 
 def _points(folder: Path) -> Any:
-    from s3le.mocap.read import read_clip
+    from s3le.human.read import read_clip
 
     clip = read_clip(folder / "a.parquet")
     return {"fps": clip.fps, "points": clip.points}
 
 
 def _seen() -> list[Files]:
-    from s3le.mocap import points_parquet
+    from s3le.human import points_parquet
 
     goods = []
     for n, fps in ((6, 25.0), (40, 59.94)):

@@ -112,7 +112,7 @@ def _carried() -> list[Files]:
 
 
 def _contract() -> Any:
-    from s3le.tables.index import index
+    from s3le.learn.table import index
 
     return index(n_dof=3, margin=0.002, latent=2)
 
@@ -133,34 +133,34 @@ def _columns(first: int, n: int) -> dict[str, np.ndarray]:
 
 
 def _table(folder: Path) -> Any:
-    from s3le import store
+    from s3le.store import tables
 
-    rows = store.read(_contract(), folder / "t.parquet", TAG)
-    return rows | {"note": store.read_note(folder / "t.parquet", "metric", "index")}
+    rows = tables.read(_contract(), folder / "t.parquet", TAG)
+    return rows | {"note": tables.read_note(folder / "t.parquet", "metric", "index")}
 
 
 def _tables() -> list[Files]:
-    from s3le import store
+    from s3le.store import tables
 
     with tempfile.TemporaryDirectory() as scratch:
         goods = []
         for n in (5, 40):
             path = Path(scratch) / "t.parquet"
-            store.write(_columns(0, n), _contract(), path, TAG, {"metric": "l2"})
+            tables.write(_columns(0, n), _contract(), path, TAG, {"metric": "l2"})
             goods.append({"t.parquet": path.read_bytes()})
         return goods
 
 
 def _shards(folder: Path) -> Any:
-    from s3le import store
+    from s3le.store import tables
 
-    return store.read(_contract(), folder, TAG)
+    return tables.read(_contract(), folder, TAG)
 
 
 def _folders() -> list[Files]:
-    from s3le import store
+    from s3le.store import tables
 
-    files = {f"{k}.parquet": store.encode(_columns(4 * k, 4), _contract(), TAG) for k in (0, 1)}
+    files = {f"{k}.parquet": tables.encode(_columns(4 * k, 4), _contract(), TAG) for k in (0, 1)}
     listed = [
         {"file": name, "rows": 4, "sha256": hashlib.sha256(data).hexdigest()}
         for name, data in files.items()
@@ -173,7 +173,7 @@ def _folders() -> list[Files]:
 
 
 def _model(folder: Path) -> Any:
-    from s3le import artifact
+    from s3le.learn import artifact
 
     model, config = artifact.load_model(folder / "m.safetensors", method="s3le", robot_hash="abc")
     return {k: v.numpy() for k, v in model.state_dict().items()} | {"config": config}
@@ -182,8 +182,8 @@ def _model(folder: Path) -> Any:
 def _models() -> list[Files]:
     import torch
 
-    from s3le import artifact
-    from s3le.models import Sizes, build
+    from s3le.learn import artifact
+    from s3le.learn.models import Sizes, build
 
     torch.set_num_threads(1)
     goods = []

@@ -12,7 +12,7 @@ from worlds import coman
 from s3le.following import Follower
 from s3le.kernels import batch
 from s3le.machine import Machine
-from s3le.segments import CERTIFIED, Prover
+from s3le.safety.paths import CERTIFIED, Prover
 
 ROOM = 1e-6  # [m], kept beyond the margin: kernels and coal agree to 1e-7
 

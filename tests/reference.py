@@ -13,11 +13,11 @@ import daqp
 import numpy as np
 import pinocchio as pin
 
-from s3le.kernels.chain import Chain
 from s3le.kernels.distance import reach
 from s3le.kernels.solver import clearance_of, minimise, restore
 from s3le.robot import certificate
 from s3le.robot.certificate import PER_METRE
+from s3le.robot.chain import Chain
 from s3le.robot.model import Robot
 
 BAND = 0.1  # [m], pairs farther than this over the margin do not enter a quadratic program

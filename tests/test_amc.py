@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from s3le.errors import ClipError, ParameterError
-from s3le.mocap import amc as reader
-from s3le.mocap.amc import cmu_rate, read_amc, read_asf
+from s3le.human import amc as reader
+from s3le.human.amc import cmu_rate, read_amc, read_asf
 from s3le.skeleton import POINTS, face_forward, features
 
 REST = {  # x forward, y left, z up [m]

@@ -6,10 +6,11 @@ import numpy as np
 from test_retarget import AGREEMENT, BETWEEN, DEFAULT, stored
 from worlds import MARGIN, coman
 
-from s3le.kernels import around, segment
-from s3le.kernels.swept import swept
-from s3le.robot.judge import Judge
-from s3le.segments import COLLIDES, certify
+from s3le.retarget import around
+from s3le.safety import segment
+from s3le.safety.judge import Judge
+from s3le.safety.paths import COLLIDES, certify
+from s3le.safety.swept import swept
 
 
 @cache

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from s3le import artifact
 from s3le.errors import ModelError
-from s3le.models import Sizes, build
+from s3le.learn import artifact
+from s3le.learn.models import Sizes, build
 
 LOWER, UPPER = torch.tensor([-1.0, 0.0, -3.0]), torch.tensor([1.0, 0.5, 2.0])
 SIZES = Sizes(dim_q=3, latent=5, hidden=8)

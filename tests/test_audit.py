@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import MARGIN, coman, inside_limits, relaxed, write_arms
 
-from s3le import machine, segments
-from s3le.audit import audit, certificate, demands, not_covered, tree
+from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.segments import CERTIFIED, UNDECIDED
+from s3le.safety import paths
+from s3le.safety.audit import audit, certificate, demands, not_covered, tree
+from s3le.safety.paths import CERTIFIED, UNDECIDED
 
 RATE = 30.0
 R_SHOULDER, R_ELBOW = 2, 3  # joints of the two-armed robot
@@ -90,8 +91,8 @@ def test_an_arm_that_jumps_through_the_trunk_between_two_clear_poses_is_found(ar
 def test_what_is_not_decided_is_not_a_yes():
     made = coman()
     q = batch.project(made.chain, made.robot.anchor, relaxed(made, 40, 5), MARGIN).q
-    small = segments.certify(made, q, MARGIN / 4, 0).status
-    whole = segments.certify(made, q, MARGIN / 4).status
+    small = paths.certify(made, q, MARGIN / 4, 0).status
+    whole = paths.certify(made, q, MARGIN / 4).status
     row = int(np.flatnonzero((small == UNDECIDED) & (whole == CERTIFIED))[0])
     time, q = np.array([0.0, 1.0]), q[row : row + 2]
     assert audit(made, time, q, demands(made, velocity=np.inf)).holds

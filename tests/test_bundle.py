@@ -9,10 +9,12 @@ import torch
 from test_retarget import DEFAULT, DT, held_to_its_word, motion, stored
 from worlds import coman
 
-from s3le import artifact, comparison, models
 from s3le.errors import BundleError, ParameterError
-from s3le.index import look_up
-from s3le.retarget import bundle, encoder
+from s3le.learn import artifact, models
+from s3le.retarget import encoder
+from s3le.retarget.exported import load, save
+from s3le.search.metrics import look_up
+from s3le.study import comparison
 
 
 def a_model(folder, method="s3le", tag=None):
@@ -41,12 +43,12 @@ def folder(tmp_path_factory):
     top = tmp_path_factory.mktemp("bundle")
     path, net = a_model(top)
     index = an_index(artifact.encode_q(net, stored()[0]))
-    bundle.save(top / "it", coman(), "s3le", "l2", DEFAULT, index, path)
+    save(top / "it", coman(), "s3le", "l2", DEFAULT, index, path)
     return top / "it"
 
 
 def test_what_is_exported_retargets(folder):
-    found = bundle.load(folder).batch(motion()[:40], np.arange(40) * DT)
+    found = load(folder).batch(motion()[:40], np.arange(40) * DT)
     held_to_its_word(found.q, np.full(39, DT))
 
 
@@ -54,24 +56,24 @@ def test_what_is_exported_retargets(folder):
 def test_a_method_without_an_index_or_without_a_model_is_exported_too(method, tmp_path):
     path = None if method == "skeleton" else a_model(tmp_path, method)[0]
     index = an_index(stored()[1]) if method == "skeleton" else None
-    bundle.save(tmp_path / "it", coman(), method, "l2", DEFAULT, index, path)
-    found = bundle.load(tmp_path / "it").batch(motion()[:20], np.arange(20) * DT)
+    save(tmp_path / "it", coman(), method, "l2", DEFAULT, index, path)
+    found = load(tmp_path / "it").batch(motion()[:20], np.arange(20) * DT)
     held_to_its_word(found.q, np.full(19, DT))
 
 
 def test_two_exports_are_the_same_bytes(folder, tmp_path):
     path, net = a_model(tmp_path)
     index = an_index(artifact.encode_q(net, stored()[0]))
-    bundle.save(tmp_path / "it", coman(), "s3le", "l2", DEFAULT, index, path)
+    save(tmp_path / "it", coman(), "s3le", "l2", DEFAULT, index, path)
     assert (tmp_path / "it/retargeter.json").read_bytes() == (
         folder / "retargeter.json"
     ).read_bytes()
 
 
 def test_settings_can_be_changed_when_loading(folder):
-    assert bundle.load(folder, {"speed_factor": 0.5}).speed.max() == 2.0
+    assert load(folder, {"speed_factor": 0.5}).speed.max() == 2.0
     with pytest.raises(ParameterError, match="no setting 'speed'; there are: k,"):
-        bundle.load(folder, {"speed": 0.5})
+        load(folder, {"speed": 0.5})
 
 
 def cut(name):
@@ -113,7 +115,7 @@ def test_damaged_and_foreign_pieces_are_refused_in_one_line(folder, tmp_path, da
     shutil.copytree(folder, tmp_path / "it")
     damage(tmp_path / "it")
     with pytest.raises(BundleError, match=words) as refusal:
-        bundle.load(tmp_path / "it")
+        load(tmp_path / "it")
     assert "\n" not in str(refusal.value)
 
 
@@ -121,7 +123,7 @@ def test_a_model_of_another_robot_is_not_exported(tmp_path):
     path, net = a_model(tmp_path, tag="another")
     index = an_index(artifact.encode_q(net, stored()[0]))
     with pytest.raises(Exception, match="has robot_hash 'another'"):
-        bundle.save(tmp_path / "it", coman(), "s3le", "l2", DEFAULT, index, path)
+        save(tmp_path / "it", coman(), "s3le", "l2", DEFAULT, index, path)
     assert not (tmp_path / "it").exists()
 
 
@@ -142,8 +144,8 @@ def test_one_row_without_torch_is_what_torch_says(method, tmp_path):
 def test_every_metric_finds_what_the_comparison_finds(tmp_path, metric):
     path, net = a_model(tmp_path)
     index = an_index(artifact.encode_q(net, stored()[0]))
-    bundle.save(tmp_path / "it", coman(), "s3le", metric, DEFAULT, index, path)
-    it = bundle.load(tmp_path / "it")
+    save(tmp_path / "it", coman(), "s3le", metric, DEFAULT, index, path)
+    it = load(tmp_path / "it")
     x = motion()[:30]
     given = comparison.comparable(index, artifact.encode_x(net, x), metric, net)
     rows, _ = look_up(*given)

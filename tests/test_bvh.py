@@ -5,10 +5,10 @@ import pytest
 from handmade import SHARED, broken, bvh, write
 
 from s3le.errors import ClipError, ParameterError
-from s3le.mocap.amc import read_amc, read_asf
-from s3le.mocap.bvh import UNITS, read_bvh
-from s3le.mocap.rigs import match
-from s3le.mocap.text import MOST_LINES
+from s3le.human.amc import read_amc, read_asf
+from s3le.human.bvh import UNITS, read_bvh
+from s3le.human.rigs import match
+from s3le.human.text import MOST_LINES
 from s3le.skeleton import POINTS, face_forward, features
 
 ORDERS = ["".join(order) for order in itertools.permutations("XYZ")]
@@ -322,7 +322,7 @@ def test_more_lines_than_any_motion_has_are_refused_before_they_take_memory(tmp_
 def test_a_motion_is_converted_in_runs_of_bounded_size(tmp_path, monkeypatch):
     want = one(tmp_path, bvh([MOVING] * 5)).points
     for size in (1, 100, 10**9):
-        monkeypatch.setattr("s3le.mocap.bvh._CHUNK", size)
+        monkeypatch.setattr("s3le.human.bvh._CHUNK", size)
         assert np.array_equal(one(tmp_path, bvh([MOVING] * 5)).points, want)
 
 

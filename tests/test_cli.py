@@ -21,10 +21,10 @@ from s3le import following
 from s3le.cli import shell
 from s3le.cli.main import app
 from s3le.errors import ParameterError, RobotError
+from s3le.human.keypoints.how import AXES
+from s3le.human.keypoints.layouts import LAYOUTS
 from s3le.kernels import batch
-from s3le.mocap.keypoints.how import AXES
-from s3le.mocap.keypoints.layouts import LAYOUTS
-from s3le.trajectory import files, trajectory
+from s3le.motion import files, trajectory
 
 ROOT = Path(__file__).parents[1]
 ROBOT = ["--robot", str(ROOT / "data" / "robots" / "coman.yaml")]
@@ -405,7 +405,7 @@ def test_a_stream_on_loopback_serves_one_client_after_another(retargeter, monkey
     monkeypatch.setattr(socket, "create_server", noted)
 
     def serve():
-        from s3le import live
+        from s3le.retarget import live
 
         with __import__("contextlib").suppress(OSError):
             stream._listen(0, lambda: live.Live(retargeter, 30.0, 1.0))

@@ -12,9 +12,9 @@ from toys import Toy
 from worlds import coman
 
 from s3le import machine
-from s3le.engine import key, run
 from s3le.errors import EngineError, RobotError
-from s3le.shards import TupleShards
+from s3le.tuples.engine import key, run
+from s3le.tuples.shards import TupleShards
 
 pytest.importorskip("ray")
 pytestmark = [
@@ -118,7 +118,7 @@ def test_a_run_may_have_a_cluster_of_its_own(tmp_path, monkeypatch):
 def test_without_ray_the_extra_is_named(tmp_path):
     (tmp_path / "ray.py").write_text("raise ImportError('none')")
     code = (
-        "from pathlib import Path; from toys import Toy; from s3le.engine import run\n"
+        "from pathlib import Path; from toys import Toy; from s3le.tuples.engine import run\n"
         "try:\n"
         "    run.produce(Toy(), 5, Path('out'), run.Where(executor='ray'), print, print)\n"
         "except Exception as error:\n"

@@ -8,12 +8,13 @@ from follower import Plain, Reckless, follow_by
 from handmade import amc, asf, bvh, deepmimic, write
 from worlds import coman
 
-from s3le import audit, clipframes, conversion
 from s3le.errors import CertificateError, ClipError, ModelError, ParameterError
 from s3le.following import load
-from s3le.motion import skeletons
+from s3le.human.skeletons import read_frames, skeletons
+from s3le.motion import files
+from s3le.retarget import clip
+from s3le.safety import audit
 from s3le.skeleton import features
-from s3le.trajectory import files
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +47,8 @@ def holds(made, margins=None):
 
 
 def test_frames_are_those_of_the_pipeline(wave):
-    frames = clipframes.read(wave, "midpoint")
-    from s3le.mocap.read import read_clip
+    frames = read_frames(wave, "midpoint")
+    from s3le.human.read import read_clip
 
     clip = read_clip(wave)
     kept = skeletons(clip.points, "midpoint", np.radians(60.0))
@@ -65,18 +66,18 @@ def test_every_format_that_is_known_is_read(tmp_path, kind, wave):
         path = wave
     else:
         path = write(tmp_path / f"a.{kind}", deepmimic({}, {}))
-    frames = clipframes.read(path, "midpoint")
+    frames = read_frames(path, "midpoint")
     assert frames.x.shape == (frames.total, 21) and frames.fps > 0
 
 
 def test_frames_that_cannot_be_used_leave_a_gap_in_time(tmp_path):
     path = write(tmp_path / "falls.bvh", waving(45, broken=(0, 10, 11, 12)))
-    frames = clipframes.read(path, "midpoint")
+    frames = read_frames(path, "midpoint")
     assert frames.total == 45 and len(frames.x) == 41
     assert frames.frame[:2].tolist() == [1, 2] and sum(frames.dropped.values()) == 4
     assert frames.time[0] == pytest.approx(1 / frames.fps)
     assert frames.gap == pytest.approx(4 / frames.fps)
-    made = conversion.convert(follower(), frames)
+    made = clip.convert(follower(), frames)
     assert len(made.trajectory.time) == 41 and holds(made)
     assert made.trajectory.time == pytest.approx(frames.time, abs=0)
     assert made.summary["frames"]["longest_gap_s"] == pytest.approx(4 / frames.fps)
@@ -85,11 +86,11 @@ def test_frames_that_cannot_be_used_leave_a_gap_in_time(tmp_path):
 def test_a_clip_without_a_usable_frame_is_refused_with_the_cause(tmp_path):
     path = write(tmp_path / "lies.bvh", waving(5, broken=range(5)))
     with pytest.raises(ClipError, match=r"lies.bvh: not one of 5 frames can be used \(\w+ 5\)"):
-        clipframes.read(path, "midpoint")
+        read_frames(path, "midpoint")
 
 
 def test_another_rate_is_resampled_as_in_the_pipeline(wave):
-    frames = clipframes.read(wave, "midpoint", rate=60.0)
+    frames = read_frames(wave, "midpoint", rate=60.0)
     assert frames.fps == 60.0 and frames.total == 89
 
 
@@ -97,8 +98,8 @@ def test_another_rate_is_resampled_as_in_the_pipeline(wave):
 
 
 def test_what_comes_out_holds_and_is_described(wave):
-    frames = clipframes.read(wave, "midpoint")
-    made = conversion.convert(follower(), frames, about={"model": "plain"})
+    frames = read_frames(wave, "midpoint")
+    made = clip.convert(follower(), frames, about={"model": "plain"})
     motion, summary = made
     assert motion.joints == tuple(coman().robot.joint_names) and holds(made)
     assert motion.time == pytest.approx(frames.time, abs=0)
@@ -118,8 +119,8 @@ def test_what_comes_out_holds_and_is_described(wave):
 
 
 def test_fidelity_is_measured_on_the_frames_by_hand(wave):
-    frames = clipframes.read(wave, "midpoint")
-    made = conversion.convert(follower(), frames)
+    frames = read_frames(wave, "midpoint")
+    made = clip.convert(follower(), frames)
     from s3le.kernels import batch
 
     points = batch.points(coman().chain, made.trajectory.q)
@@ -131,9 +132,9 @@ def test_fidelity_is_measured_on_the_frames_by_hand(wave):
 
 @pytest.mark.parametrize("rate", [30.0, 47.3, 120.0, 1000.0])
 def test_at_any_rate_it_holds_and_stays_on_the_path(wave, rate):
-    frames = clipframes.read(wave, "midpoint")
-    plain = conversion.convert(follower(), frames)
-    made = conversion.convert(follower(), frames, rate=rate)
+    frames = read_frames(wave, "midpoint")
+    plain = clip.convert(follower(), frames)
+    made = clip.convert(follower(), frames, rate=rate)
     assert holds(made)
     steps = np.diff(made.trajectory.time)
     assert steps.max() <= (1 + 1e-9) / rate
@@ -145,8 +146,8 @@ def test_at_any_rate_it_holds_and_stays_on_the_path(wave, rate):
 
 
 def test_a_lead_in_begins_at_the_anchor_and_is_marked(wave):
-    frames = clipframes.read(wave, "midpoint")
-    made = conversion.convert(follower(), frames, lead_in=1.0, rate=100.0)
+    frames = read_frames(wave, "midpoint")
+    made = clip.convert(follower(), frames, lead_in=1.0, rate=100.0)
     motion = made.trajectory
     assert (motion.q[0] == coman().robot.anchor).all() and motion.time[0] == 0.0
     assert motion.mode[0] == "start" and holds(made)
@@ -162,7 +163,7 @@ def test_an_approach_turns_every_bone_from_one_to_the_other():
     rng = np.random.default_rng(0)
     a, b = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, 7, 3)))
     b[0], b[1] = -a[0], a[1]  # about turn, and no turn
-    way = conversion.approach(a.reshape(21), b.reshape(21), 50).reshape(50, 7, 3)
+    way = clip.approach(a.reshape(21), b.reshape(21), 50).reshape(50, 7, 3)
     assert np.linalg.norm(way, axis=2) == pytest.approx(1.0, abs=1e-12)
     whole = np.concatenate([a[None], way, b[None]])
     turn = np.arccos(np.clip((whole[1:] * whole[:-1]).sum(2), -1, 1))
@@ -172,40 +173,40 @@ def test_an_approach_turns_every_bone_from_one_to_the_other():
 
 
 def test_looking_ahead_takes_the_whole_clip_at_once(wave):
-    frames = clipframes.read(wave, "midpoint")
-    made = conversion.convert(follower(), frames, look_ahead=True)
+    frames = read_frames(wave, "midpoint")
+    made = clip.convert(follower(), frames, look_ahead=True)
     assert holds(made) and len(made.trajectory.q) == 45
     with pytest.raises(ParameterError, match="leave out look-ahead"):
-        conversion.convert(follower(), frames, look_ahead=True, lead_in=1.0)
+        clip.convert(follower(), frames, look_ahead=True, lead_in=1.0)
 
 
 @pytest.mark.parametrize("lead_in", [-1.0, float("nan"), 1e9])
 def test_a_lead_in_out_of_range_is_refused(wave, lead_in):
-    frames = clipframes.read(wave, "midpoint")
+    frames = read_frames(wave, "midpoint")
     with pytest.raises(ParameterError, match="lead-in must be in"):
-        conversion.convert(follower(), frames, lead_in=lead_in)
+        clip.convert(follower(), frames, lead_in=lead_in)
 
 
 def test_a_motion_that_does_not_hold_is_refused_with_the_place(tmp_path):
     rows = [[0, 0, 0, 0, 0, 0, -80 * (i // 5 % 2), 0, 0, 0, 0, 0] for i in range(20)]
     path = write(tmp_path / "jerks.bvh", bvh(rows, order="ZXY", step=".0333333"))
-    frames = clipframes.read(path, "midpoint")
+    frames = read_frames(path, "midpoint")
     with pytest.raises(CertificateError, match=r"jerks: refused, \d.* turns at .* rad/s of 4"):
-        conversion.convert(follower(Reckless), frames)
-    assert holds(conversion.convert(follower(), frames))
+        clip.convert(follower(Reckless), frames)
+    assert holds(clip.convert(follower(), frames))
 
 
 def test_the_comparison_with_the_optimum_is_made_where_asked(tmp_path):
-    frames = clipframes.read(write(tmp_path / "w.bvh", waving(6)), "midpoint")
-    made = conversion.convert(follower(), frames, optimum=3)
+    frames = read_frames(write(tmp_path / "w.bvh", waving(6)), "midpoint")
+    made = clip.convert(follower(), frames, optimum=3)
     assert 0.0 <= made.summary["to_optimum"]["mean"] < 0.2
-    assert "to_optimum" not in conversion.convert(follower(), frames).summary
+    assert "to_optimum" not in clip.convert(follower(), frames).summary
 
 
 def test_one_frame_is_a_motion(tmp_path):
-    frames = clipframes.read(write(tmp_path / "w.bvh", waving(1)), "midpoint")
+    frames = read_frames(write(tmp_path / "w.bvh", waving(1)), "midpoint")
     for rate in (None, 500.0):
-        made = conversion.convert(follower(), frames, rate=rate)
+        made = clip.convert(follower(), frames, rate=rate)
         assert len(made.trajectory.q) == 1
         files.write(made.trajectory, tmp_path / "w.parquet")
         json.dumps(made.summary, allow_nan=False)
@@ -217,9 +218,9 @@ def test_a_retargeter_that_gives_too_few_poses_is_refused(wave):
             made = super().batch(x[:-1], times[:-1])
             return made
 
-    frames = clipframes.read(wave, "midpoint")
+    frames = read_frames(wave, "midpoint")
     with pytest.raises(CertificateError, match=r"gave \(44, 11\), not \(45, 11\)"):
-        conversion.convert(follower(Short), frames, look_ahead=True)
+        clip.convert(follower(Short), frames, look_ahead=True)
 
 
 def test_without_a_retargeter_loading_says_so(tmp_path, monkeypatch):

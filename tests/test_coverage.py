@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from worlds import coman, inside_limits, relaxed
 
-from s3le import coverage
-from s3le.coverage import compare, distances, draw_pool
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.samplers import SAMPLERS
+from s3le.study import coverage
+from s3le.study.coverage import compare, distances, draw_pool
+from s3le.tuples.samplers import SAMPLERS
 
 NONE = np.empty((0, 21))
 FLOAT32 = 1e-6  # [-], the nearest row is found in single precision

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from s3le.errors import ClipError
-from s3le.mocap.deepmimic import read_deepmimic
+from s3le.human.deepmimic import read_deepmimic
 from s3le.skeleton import POINTS, face_forward, features
 
 QUARTER = np.sqrt(0.5)

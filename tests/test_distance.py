@@ -23,12 +23,13 @@ from worlds import (
 )
 
 from s3le import machine
-from s3le.certified import certificate
 from s3le.errors import CertificateError
-from s3le.kernels import batch, chain
+from s3le.kernels import batch
 from s3le.kernels.distance import nearest_on_segments, separation
 from s3le.robot import certificate as certifier
+from s3le.robot import chain
 from s3le.robot.certificate import PER_METRE, Certifier
+from s3le.tuples.certified import certificate
 
 GEOMETRY = 1e-9  # [m], kernel against coal
 ALGEBRA = 1e-12  # [m], kernel against exact geometry

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from worlds import MARGIN, relaxed, write_arms
 
 from s3le import machine
-from s3le.emission import as_given, at_rate
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.segments import CERTIFIED, certify
+from s3le.motion.rates import as_given, at_rate
+from s3le.safety.paths import CERTIFIED, certify
 
 BETWEEN = 0.0005
 
@@ -82,7 +82,7 @@ def test_without_the_proof_of_cut_corners_collisions_get_in(arms, monkeypatch):
     honest = at_rate(arms, time, q, 30.0, BETWEEN)
     assert honest.kept == 1 and honest.corner.tolist() == [0, 1, 2]
     monkeypatch.setattr(
-        "s3le.emission.segments.certify",
+        "s3le.motion.rates.segments.certify",
         lambda _, q, __: type("Blind", (), {"status": np.full(len(q) - 1, CERTIFIED)}),
     )
     blind = at_rate(arms, time, q, 30.0, BETWEEN)

@@ -16,12 +16,12 @@ import psutil
 import pytest
 from toys import Toy
 
-from s3le.engine import key, local, lock, run
-from s3le.engine.task import Job, jobs, total
-from s3le.engine.vault import COMPLETE, Vault, home
 from s3le.errors import EngineError, RobotError
 from s3le.kernels import batch, threads
-from s3le.shards import PoseShards
+from s3le.tuples.engine import key, local, lock, run
+from s3le.tuples.engine.task import Job, jobs, total
+from s3le.tuples.engine.vault import COMPLETE, Vault, home
+from s3le.tuples.shards import PoseShards
 
 TESTS = Path(__file__).parent
 SHARDS = PoseShards(files=(), seed=1, shard_rows=1)  # stands for the code that makes real rows
@@ -231,9 +231,9 @@ def test_one_edited_line_of_projection_code_is_another_key(tmp_path, monkeypatch
 
 
 def test_code_that_makes_no_row_is_not_in_the_key():
-    files = {path.relative_to(key.ROOT).as_posix() for path in key.closure("s3le.shards")}
+    files = {path.relative_to(key.ROOT).as_posix() for path in key.closure("s3le.tuples.shards")}
     assert {"s3le/kernels/solver.py", "s3le/robot/certificate.py", "s3le/rng.py"} <= files
-    assert not files & {"s3le/training.py", "s3le/report/page.py", "s3le/mocap/bvh.py"}
+    assert not files & {"s3le/learn/training.py", "s3le/report/page.py", "s3le/human/bvh.py"}
 
 
 def test_a_worker_that_computes_with_something_else_is_named():

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from worlds import MARGIN, write_arms
 
-from s3le import evaluation, machine, segments
-from s3le.evaluation import Between, Scored, between, score, summary
+from s3le import machine
 from s3le.kernels.threads import use_threads
 from s3le.robot.certificate import Certifier, Report
+from s3le.safety import paths
+from s3le.study import evaluation
+from s3le.study.evaluation import Between, Scored, between, score, summary
 
 UP = np.tile([0.0, 0.0, 1.0], 7)
 FORWARD = np.tile([1.0, 0.0, 0.0], 7)
@@ -114,8 +116,8 @@ def test_speeds_and_jumps_are_those_at_the_clip_s_frame_rate(arms):
 
 
 def test_what_no_proof_decides_is_counted_apart_and_never_as_certified(arms, monkeypatch):
-    whole = segments.certify
-    monkeypatch.setattr(segments, "certify", lambda *all_of_it: whole(*all_of_it, budget=0))
+    whole = paths.certify
+    monkeypatch.setattr(paths, "certify", lambda *all_of_it: whole(*all_of_it, budget=0))
     found, figures = moved(arms)
     assert figures["all"]["segments_colliding"] == 0
     assert figures["all"]["segments_undecided"] == 1
@@ -147,7 +149,7 @@ def test_one_frame_alone_has_no_segments_and_no_shares(arms):
 
 
 def test_the_number_of_threads_changes_nothing(arms, monkeypatch):
-    monkeypatch.setattr(segments, "CHUNK", 2)
+    monkeypatch.setattr(paths, "CHUNK", 2)
     found = []
     for threads in (1, 3):
         use_threads(threads)

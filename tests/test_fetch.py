@@ -5,7 +5,7 @@ from handmade import write
 from webserver import serving
 
 from s3le.errors import FetchError
-from s3le.mocap import fetch
+from s3le.human import fetch
 
 FAST = {"tries": 3, "wait": 0.01, "timeout": 5.0}
 

@@ -3,7 +3,7 @@ import subprocess
 
 import pytest
 
-from s3le.files import replace
+from s3le.store.atomic import replace
 
 
 def names(folder):

@@ -12,15 +12,17 @@ from handmade import broken, bvh, deepmimic, write
 from typer.testing import CliRunner
 from worlds import ARMS_URDF, ARMS_YAML, MARGIN, ROBOTS, coman, edited, write_arms
 
-from s3le import clipframes, conversion, emission, following, machine
+from s3le import following, machine
 from s3le.cli.main import app
 from s3le.cli.retarget import Tool
 from s3le.errors import ParameterError, RobotError, S3leError, TrajectoryError
-from s3le.mocap.rotation import about, from_quaternion
+from s3le.human.rotation import about, from_quaternion
+from s3le.human.skeletons import read_frames
+from s3le.motion import files, layouts, rates, root, text, trajectory, whole
+from s3le.motion.fit import fit
+from s3le.retarget import clip
 from s3le.robot import model
 from s3le.robot.certificate import point_positions
-from s3le.trajectory import files, layouts, root, text, trajectory, whole
-from s3le.trajectory.fit import fit
 
 ROBOT = ["--robot", str(ROBOTS / "coman.yaml")]
 ALGEBRA = 1e-12
@@ -315,12 +317,12 @@ def turning(tmp_path_factory):
 
 
 def test_the_heading_is_the_clips_unwrapped_and_at_the_rows_own_times(turning):
-    frames = clipframes.read(turning, "midpoint")
+    frames = read_frames(turning, "midpoint")
     yaw = np.deg2rad(np.delete(np.linspace(0, 400, 40), [20, 21, 22]))
-    made = conversion.convert(follow_by(Plain), frames).trajectory
+    made = clip.convert(follow_by(Plain), frames).trajectory
     assert made.heading - made.heading[0] == pytest.approx(yaw, abs=1e-6)
     assert made.about["heading"] == "from the clip"
-    lead = conversion.convert(follow_by(Plain), frames, lead_in=0.4, rate=100.0).trajectory
+    lead = clip.convert(follow_by(Plain), frames, lead_in=0.4, rate=100.0).trajectory
     offset = lead.about["clip_time_offset_s"]
     assert (lead.heading[lead.time <= offset] == made.heading[0]).all()
     by_hand = np.interp(lead.time - offset, frames.time, made.heading)
@@ -328,8 +330,8 @@ def test_the_heading_is_the_clips_unwrapped_and_at_the_rows_own_times(turning):
 
 
 def test_a_clip_without_a_heading_is_the_identity_and_says_so(turning):
-    frames = clipframes.read(turning, "midpoint")._replace(heading=None)
-    made = conversion.convert(follow_by(Plain), frames)
+    frames = read_frames(turning, "midpoint")._replace(heading=None)
+    made = clip.convert(follow_by(Plain), frames)
     assert (made.trajectory.heading == 0.0).all() and made.summary["heading"] == "identity"
 
 
@@ -342,9 +344,9 @@ def test_a_heading_that_is_not_finite_is_refused_with_its_row():
 
 
 def test_even_rows_fill_gaps_and_cut_no_corner_at_the_clips_own_rate(turning):
-    frames = clipframes.read(turning, "midpoint")
-    plain = conversion.convert(follow_by(Plain), frames).trajectory
-    made = conversion.convert(follow_by(Plain), frames, even=True).trajectory
+    frames = read_frames(turning, "midpoint")
+    plain = clip.convert(follow_by(Plain), frames).trajectory
+    made = clip.convert(follow_by(Plain), frames, even=True).trajectory
     assert made.rate == pytest.approx(25.0) and len(made.time) == 40
     assert made.about["rate"] == 25.0 and (made.mode == "between").sum() == 3
     assert (made.q[made.mode != "between"] == plain.q).all()
@@ -354,11 +356,11 @@ def test_where_a_corner_cannot_be_cut_even_rows_are_refused_with_the_place(monke
     it, time = coman(), np.arange(3) / 40
     q = np.repeat(it.robot.anchor[None], 3, 0)
     unproven = type("Unproven", (), {"status": np.full(1, -1)})
-    monkeypatch.setattr("s3le.emission.segments.certify", lambda *_: unproven)
+    monkeypatch.setattr("s3le.motion.rates.segments.certify", lambda *_: unproven)
     with pytest.raises(ParameterError, match=r"at an even 30 Hz 1 of .*, one at 0.0250 s; give a"):
-        emission.evenly(it, time, q, 30.0, 0.0005)
+        rates.evenly(it, time, q, 30.0, 0.0005)
     unproven.status = np.full(4, -1)
-    assert len(emission.evenly(it, time, q, 80.0, 0.0005).time) == 5
+    assert len(rates.evenly(it, time, q, 80.0, 0.0005).time) == 5
 
 
 # --- layouts

@@ -8,8 +8,8 @@ import pytest
 from test_keypoints import same
 
 from s3le.errors import ClipError
-from s3le.mocap.keypoints import smpl
-from s3le.mocap.read import read_clip
+from s3le.human.keypoints import smpl
+from s3le.human.read import read_clip
 
 NAMES = ("Hips", "LeftUpLeg", "RightUpLeg", "Spine", "LeftLeg", "RightLeg", "Spine1", "LeftFoot",
          "RightFoot", "Spine2", "LeftToeBase", "RightToeBase", "Neck", "LeftShoulder",

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from s3le.errors import ParameterError
-from s3le.index import METRICS, look_up, to_skeletons
+from s3le.search.metrics import METRICS, look_up, to_skeletons
 
 
 def plain(stored, queries, metric):

@@ -14,9 +14,9 @@ import pytest
 from test_keypoints import same, save
 
 from s3le.errors import ClipError
-from s3le.mocap.keypoints import inert
-from s3le.mocap.keypoints.how import How
-from s3le.mocap.read import read_clip
+from s3le.human.keypoints import inert
+from s3le.human.keypoints.how import How
+from s3le.human.read import read_clip
 from s3le.skeleton import features
 
 BODY = bodies.body()

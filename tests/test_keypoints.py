@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from handmade import SHARED
 
-from s3le import motion
 from s3le.errors import ClipError, ParameterError
-from s3le.mocap.keypoints import smpl
-from s3le.mocap.keypoints.how import How, recorded
-from s3le.mocap.keypoints.layouts import LAYOUTS, by_names, pick
-from s3le.mocap.read import READ, digest, read_clip
+from s3le.human import dataset
+from s3le.human.keypoints import smpl
+from s3le.human.keypoints.how import How, recorded
+from s3le.human.keypoints.layouts import LAYOUTS, by_names, pick
+from s3le.human.read import READ, digest, read_clip
 from s3le.skeleton import POINTS, face_forward, features
 
 NAMES = {  # of the points' joints, as files spell them
@@ -199,7 +199,7 @@ def test_a_table_says_where_it_is_broken(tmp_path):
     copy = [*good[:4], ",".join(["", "nan", *fields[2:]]), *good[5:]]
     clip = read_clip(save(tmp_path, "a.csv", "\n".join(copy)))
     assert np.isnan(clip.points).all(axis=(1, 2)).tolist() == [i == 3 for i in range(12)]
-    assert motion.skeletons(clip.points, "midpoint", 1.0).dropped["not_finite"] == 1
+    assert dataset.skeletons(clip.points, "midpoint", 1.0).dropped["not_finite"] == 1
 
 
 def test_tables_of_numbered_or_nameless_joints(tmp_path):
@@ -348,7 +348,7 @@ def test_real_samples_stand_upright_with_the_left_arm_on_the_left(
     clip = read_clip(SHARED / "video" / name)
     assert clip.points.shape == (frames, 10, 3) and clip.fps == fps
     assert clip.reading.how[:2] == (layout, axes)
-    kept = motion.skeletons(clip.points, "midpoint", np.radians(60.0))
+    kept = dataset.skeletons(clip.points, "midpoint", np.radians(60.0))
     assert len(kept.rows) >= usable
     assert np.median(kept.x[:, 2]) > 0.88 and np.median(kept.x[:, 13]) > 0.85
 

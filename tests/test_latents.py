@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s3le.latents import principal
+from s3le.study.latents import principal
 
 
 @pytest.mark.parametrize("used", [1, 3, 6])

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import MARGIN, coman
 
-from s3le import audit, live
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
+from s3le.retarget import live
+from s3le.safety import audit
 from s3le.skeleton import POINTS
 
 TILT = math.radians(60.0)

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from s3le import losses
 from s3le.errors import ParameterError
+from s3le.learn import losses
 
 
 def rows(seed, n, d, scale=1.0):

@@ -5,7 +5,7 @@ import pytest
 from handmade import SHARED, table
 
 from s3le.errors import ClipError, FetchError
-from s3le.mocap import manifest, sources
+from s3le.human import manifest, sources
 
 CLIPS = Path(__file__).parents[1] / "data" / "clips"
 COLUMNS = "trial,description,fps,split,sha256,asf_sha256"

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from s3le.errors import ModelError
-from s3le.models import AleModel, JointRange, SharedLatent, Sizes, build, mlp
+from s3le.learn.models import AleModel, JointRange, SharedLatent, Sizes, build, mlp
 
 LOWER, UPPER = torch.tensor([-1.0, 0.0, -3.0]), torch.tensor([1.0, 0.5, 2.0])
 SMALL = Sizes(dim_q=3, latent=5, hidden=8)

@@ -5,7 +5,8 @@ import pytest
 from worlds import people, yawed
 
 from s3le.errors import ClipError
-from s3le.motion import LEVEL_MIN, at_rate, domain, skeletons, training_domain
+from s3le.human.dataset import at_rate, domain, training_domain
+from s3le.human.skeletons import LEVEL_MIN, skeletons
 from s3le.skeleton import POINTS, face_forward, features, mirror
 
 ALGEBRA = 1e-12  # [-] or [rad]

@@ -12,14 +12,18 @@ from handmade import SHARED, broken
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from s3le import artifact, machine, motion, neighbours, store
+from s3le import machine
 from s3le.errors import ModelError, ParameterError
-from s3le.index import METRICS, look_up
+from s3le.human import dataset
+from s3le.human.read import read_clip
 from s3le.kernels import batch
 from s3le.kernels.threads import use_threads
-from s3le.mocap.read import read_clip
-from s3le.sampling import relaxed_limits
-from s3le.tables.index import index as index_table
+from s3le.learn import artifact
+from s3le.learn.table import index as index_table
+from s3le.search import neighbours
+from s3le.search.metrics import METRICS, look_up
+from s3le.store import tables
+from s3le.tuples.sampling import relaxed_limits
 
 ROOT = Path(__file__).parents[1]
 NEAR = 1.01  # a found distance within 1 % of the true one counts as found
@@ -283,7 +287,7 @@ def people() -> np.ndarray:
     if not files:
         pytest.skip("no recorded motion at hand")
     parts = [
-        motion.skeletons(read_clip(path).points[::30], "midpoint", np.radians(60.0)).x
+        dataset.skeletons(read_clip(path).points[::30], "midpoint", np.radians(60.0)).x
         for path in files[::5]
     ]
     return np.concatenate(parts).astype(np.float32)
@@ -308,7 +312,7 @@ def test_people_find_the_nearest_pose_in_a_trained_latent_space():
     net, _ = artifact.load_model(model)
     z = artifact.encode_x(net, x)
     contract = index_table(net.sizes.dim_q, 0.002, net.sizes.latent)
-    poses = store.read(contract, table, columns=["z"])["z"][::4].astype(np.float32)
+    poses = tables.read(contract, table, columns=["z"])["z"][::4].astype(np.float32)
     found = neighbours.build(poses).query(z, 8)
     _, true = look_up(poses, z, "l2")
     assert (found.distances[:, 0] <= NEAR * true).mean() >= RECALL

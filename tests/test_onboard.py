@@ -17,11 +17,11 @@ from s3le import machine
 from s3le.cli.main import app
 from s3le.errors import RobotError
 from s3le.kernels import batch
+from s3le.motion import whole
 from s3le.onboard import propose, source, survey
-from s3le.retargeting import ground_truth
 from s3le.robot import hulls, pairs, sense
 from s3le.skeleton import BONES, cosine_distance, features
-from s3le.trajectory import whole
+from s3le.tuples.ik import ground_truth
 
 SIDES = {"r": "right", "l": "left"}
 ALL_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")

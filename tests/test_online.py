@@ -7,13 +7,13 @@ import pytest
 from test_retarget import held_to_its_word, motion, retargeter, stored
 from worlds import MARGIN, coman
 
-from s3le import online
 from s3le.errors import BundleError, CertificateError
 from s3le.kernels import batch
 from s3le.retarget.mode import Mode
 from s3le.retarget.stream import Retargeter, Step
 from s3le.skeleton import cosine_distance
-from s3le.tables.retargeted import MODES
+from s3le.study import followed
+from s3le.study.tables import MODES
 
 LENGTHS, RATE = (25, 1, 14), 25.0  # [Hz]; one frame is missing in the last motion
 SPEED = 4.0  # [rad/s], COMAN's
@@ -29,7 +29,7 @@ def frames():
 
 @pytest.fixture(scope="module")
 def both(frames):
-    return {refine: online.follow(coman(), retargeter(), *frames, refine) for refine in (0, 1)}
+    return {refine: followed.follow(coman(), retargeter(), *frames, refine) for refine in (0, 1)}
 
 
 @pytest.mark.parametrize("refine", [0, 1])
@@ -73,7 +73,7 @@ def test_given_time_the_look_up_alone_is_where_it_wants_to_be(frames):
     slow = (np.repeat("a", 8), np.arange(8.0), x[:64:8])
     calm = replace(retargeter().settings, brake=0.0)
     it = Retargeter(coman(), retargeter(), calm)
-    q, mode = online.follow(coman(), it, *slow, False)
+    q, mode = followed.follow(coman(), it, *slow, False)
     poses, skeletons = stored()
     nearest = cosine_distance(skeletons[None], slow[2][:, None]).argmin(axis=1)
     arrived = mode == "lookup"
@@ -93,12 +93,12 @@ class Liar(Retargeter):
 def test_a_motion_that_does_not_hold_is_refused_by_name(frames):
     liar = Liar(coman(), retargeter(), retargeter().settings)
     with pytest.raises(CertificateError, match=r"^a: 0\.0000 s \(row 0\): .* rad/s of 4"):
-        online.follow(coman(), liar, *frames, True)
+        followed.follow(coman(), liar, *frames, True)
 
 
 def test_a_retargeter_of_another_robot_is_refused(frames):
     with pytest.raises(BundleError, match="dvc repro export"):
-        online.follow(coman(0.003), retargeter(), *frames, True)
+        followed.follow(coman(0.003), retargeter(), *frames, True)
 
 
 def test_the_table_knows_every_mode_of_a_stream():

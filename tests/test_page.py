@@ -15,19 +15,8 @@ from PIL import Image
 from ruamel.yaml import YAML
 
 from s3le.errors import FilmError, ParameterError, TableError
-from s3le.report import (
-    bars,
-    cells,
-    curves,
-    embed,
-    html,
-    look,
-    page,
-    parameters,
-    records,
-    style,
-    svg,
-)
+from s3le.report import bars, cells, curves, embed, html, look, page, parameters, records
+from s3le.show import style, svg
 
 ROOT = Path(__file__).parents[1]
 LABEL = dict(style.METHODS)

@@ -20,7 +20,7 @@ from worlds import (
 from s3le import machine
 from s3le.errors import RobotError
 from s3le.robot.pairs import FIXED, OVERLAP, WATCHED, all_pairs, body_kinds
-from s3le.tables.robot_pairs import ROBOT_PAIRS
+from s3le.robot.table import ROBOT_PAIRS
 
 GEOMETRY = 1e-9  # [m]
 NAMES = ("coman", "coman_authors")
@@ -191,10 +191,10 @@ def test_a_robot_of_which_no_pair_is_left_is_refused(tmp_path):
 
 
 def test_the_readable_list_names_every_pair_with_its_reason(tmp_path):
-    from s3le import store
+    from s3le.store import tables
 
     machine.write(coman(), tmp_path)
-    rows = store.read(ROBOT_PAIRS, tmp_path / machine.PAIRS, coman().tag)
+    rows = tables.read(ROBOT_PAIRS, tmp_path / machine.PAIRS, coman().tag)
     assert len(rows["reason"]) == len(coman().pairs)
     assert set(rows["reason"]) == {WATCHED, FIXED, OVERLAP}
 

@@ -19,12 +19,12 @@ from worlds import (
 )
 
 from s3le import machine
-from s3le.certified import projection_counts
 from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.kernels.batch import FALLBACK, SAME, SOLVED
 from s3le.kernels.distance import reach
 from s3le.kernels.solver import blend, clearance_of, minimise, restore
+from s3le.tuples.certified import projection_counts
 
 SAMPLES, ALPHA = 1500, 0.2
 ROUNDING = 1e-9  # [rad]

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from s3le.errors import ClipError, ParameterError
-from s3le.mocap import text
-from s3le.mocap.clip import Clip, at_constant_rate, frame_indices, resample
-from s3le.mocap.read import read_clip
+from s3le.human import text
+from s3le.human.clip import Clip, at_constant_rate, frame_indices, resample
+from s3le.human.read import read_clip
 
 ROW = [0.0] * 12
 

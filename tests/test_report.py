@@ -8,22 +8,12 @@ import matplotlib
 import numpy as np
 import pytest
 
-from s3le import files
 from s3le.errors import ParameterError
-from s3le.report import (
-    bars,
-    curves,
-    figures,
-    growth,
-    maps,
-    solid,
-    spaces,
-    strip,
-    style,
-)
+from s3le.report import bars, curves, growth, maps, spaces
 from s3le.robot import model
 from s3le.robot.certificate import placements
-from s3le.scene import human
+from s3le.show import figures, human, solid, strip, style
+from s3le.store import atomic
 
 ROOT = Path(__file__).parents[1]
 METHODS = list(style.METHODS)
@@ -115,7 +105,7 @@ def test_a_failed_save_leaves_the_old_picture_and_no_scrap(tmp_path, monkeypatch
     def refuse(*_):
         raise OSError("disk full")
 
-    monkeypatch.setattr(files.os, "replace", refuse)
+    monkeypatch.setattr(atomic.os, "replace", refuse)
     with pytest.raises(OSError, match="disk full"):
         curves.draw(path, {})
     assert path.read_bytes() == b"old"

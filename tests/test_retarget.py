@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from reference import OneByOne
 from worlds import MARGIN, coman, inside_limits, relaxed
 
-from s3le import neighbours
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
-from s3le.kernels.calm import calm, middle
-from s3le.kernels.refine import refine
+from s3le.retarget.calm import calm, middle
 from s3le.retarget.mode import Mode
-from s3le.retarget.retrieval import LookUp
+from s3le.retarget.propose import LookUp
+from s3le.retarget.refine import refine
 from s3le.retarget.settings import Settings
 from s3le.retarget.stream import Retargeter
-from s3le.robot.judge import Judge
-from s3le.segments import CERTIFIED, COLLIDES, certify
+from s3le.safety.judge import Judge
+from s3le.safety.paths import CERTIFIED, COLLIDES, certify
+from s3le.search import neighbours
 from s3le.skeleton import cosine_distance
 
 BETWEEN = 0.0005  # [m]

@@ -14,11 +14,12 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine, retargeting
+from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.retargeting import TURN, ground_truth, nearest_turn, relaxed_poses
 from s3le.skeleton import cosine_distance, face_forward, features
+from s3le.tuples import ik
+from s3le.tuples.ik import TURN, ground_truth, nearest_turn, relaxed_poses
 
 RECOVERED = 1e-4  # [-], mean cosine distance
 RIDGE = 1e-4  # [-], params.yaml's truth.ridge
@@ -214,7 +215,7 @@ def test_a_skeleton_that_is_not_finite_has_no_distance():
 def test_skeletons_of_another_shape_are_refused(shape):
     made = coman()
     with pytest.raises(ParameterError) as refusal:
-        retargeting.relaxed_poses(made, np.ones(shape), RIDGE)
+        ik.relaxed_poses(made, np.ones(shape), RIDGE)
     assert str(refusal.value) == f"skeletons must have shape (n, 21), got {shape}"
 
 

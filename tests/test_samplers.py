@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from worlds import ARMS_YAML, MARGIN, ROBOTS, coman, edited, write_arms
 
-from s3le import machine, samplers, skeleton
+from s3le import machine, skeleton
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.samplers import SAMPLERS, draw, limbs, mirror_signs
-from s3le.sampling import relaxed_limits
+from s3le.tuples import samplers
+from s3le.tuples.samplers import SAMPLERS, draw, limbs, mirror_signs
+from s3le.tuples.sampling import relaxed_limits
 
 ALGEBRA = 1e-12  # [rad], float64
 

@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import coman
 
-from s3le import rng, sampling
+from s3le import rng
 from s3le.errors import ParameterError, RobotError
 from s3le.kernels import batch
-from s3le.sampling import draw_feasible, mixup, relaxed_limits
 from s3le.skeleton import cosine_distance
+from s3le.tuples import sampling
+from s3le.tuples.sampling import draw_feasible, mixup, relaxed_limits
 
 ALGEBRA = 1e-12  # [rad] or [-], float64
 

@@ -10,16 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import ARMS_URDF, coman, relaxed, write_arms
 
-from s3le import clipframes
 from s3le.errors import ClipError, ParameterError, RobotError, TrajectoryError
+from s3le.human.keypoints.how import How
+from s3le.human.skeletons import read_frames
 from s3le.kernels import batch
-from s3le.mocap.keypoints.how import How
-from s3le.report import solid
-from s3le.robot import model, visual
+from s3le.motion import files, trajectory
+from s3le.robot import model
 from s3le.robot.posing import Nearness, Poser
-from s3le.scene import human, motion, pace, raster
-from s3le.trajectory import files, trajectory
-from s3le.viewer.player import Player
+from s3le.show import human, motions, pace, raster, solid, visual
+from s3le.show.viewer.player import Player
 
 FAST = solid.Painter(raster.rays, raster.shadow, 2)
 SLOW = solid.PLAIN._replace(fine=2)
@@ -41,7 +40,7 @@ def moving(folder, rows=30, name="walk", about=None, modes=True):
         name, robot.joint_names, time, q, mode=mode if modes else None, about=about
     )
     files.write(made, folder / f"{name}.parquet")
-    return motion.read(folder / f"{name}.parquet", coman())
+    return motions.read(folder / f"{name}.parquet", coman())
 
 
 # --- moments
@@ -50,37 +49,37 @@ def moving(folder, rows=30, name="walk", about=None, modes=True):
 def test_a_row_is_shown_as_it_is_and_between_two_the_joints_move_straight(tmp_path):
     shown = moving(tmp_path)
     time, q = shown.trajectory.time, shown.trajectory.q
-    np.testing.assert_array_equal(motion.poses(shown, time), q)
-    half = motion.poses(shown, (time[1:] + time[:-1]) / 2)
+    np.testing.assert_array_equal(motions.poses(shown, time), q)
+    half = motions.poses(shown, (time[1:] + time[:-1]) / 2)
     np.testing.assert_allclose(half, (q[1:] + q[:-1]) / 2, atol=1e-15)
-    np.testing.assert_array_equal(motion.poses(shown, [-1.0, 99.0]), q[[0, -1]])
+    np.testing.assert_array_equal(motions.poses(shown, [-1.0, 99.0]), q[[0, -1]])
     # Between two rows it is on its way to the second, and so that one's mode is what is told.
-    words = motion.modes(shown, np.array([4 / 30, 4.5 / 30, 5 / 30, 8.5 / 30, 99.0]))
+    words = motions.modes(shown, np.array([4 / 30, 4.5 / 30, 5 / 30, 8.5 / 30, 99.0]))
     assert words.tolist() == ["refined", "held", "held", "refined", "refined"]
 
 
 def test_moments_are_the_rows_or_a_rate_and_never_nothing(tmp_path):
     shown = [moving(tmp_path)]
     time = shown[0].trajectory.time
-    np.testing.assert_array_equal(motion.moments(shown, 60.0), time)
-    assert len(motion.moments(shown, 60.0, exact=True)) == 59
-    np.testing.assert_allclose(np.diff(motion.moments(shown, 10.0)), 0.1)
-    part = motion.moments(shown, 60.0, 0.25, 0.5)
+    np.testing.assert_array_equal(motions.moments(shown, 60.0), time)
+    assert len(motions.moments(shown, 60.0, exact=True)) == 59
+    np.testing.assert_allclose(np.diff(motions.moments(shown, 10.0)), 0.1)
+    part = motions.moments(shown, 60.0, 0.25, 0.5)
     assert part[0] == 0.25 and part[-1] <= 0.5
     for begin, end in ((5.0, None), (0.5, 0.25), (None, -1.0), (float("nan"), None)):
         with pytest.raises(TrajectoryError, match="nothing to show"):
-            motion.moments(shown, 60.0, begin, end)
+            motions.moments(shown, 60.0, begin, end)
     with pytest.raises(TrajectoryError, match="--from and --to"):
-        motion.moments(shown, 1e6)
+        motions.moments(shown, 1e6)
 
 
 def test_labels_differ_however_alike_the_names_are(tmp_path):
     for folder in "ab":
         (tmp_path / folder).mkdir()
     shown = [moving(tmp_path / folder) for folder in "ab"]
-    assert [s.label for s in motion.named(shown)] == ["a/walk", "b/walk"]
-    assert [s.label for s in motion.named([shown[0]] * 2)] == ["walk (1)", "walk (2)"]
-    assert [s.label for s in motion.named(shown[:1])] == ["walk"]
+    assert [s.label for s in motions.named(shown)] == ["a/walk", "b/walk"]
+    assert [s.label for s in motions.named([shown[0]] * 2)] == ["walk (1)", "walk (2)"]
+    assert [s.label for s in motions.named(shown[:1])] == ["walk"]
 
 
 # --- the human
@@ -88,20 +87,20 @@ def test_labels_differ_however_alike_the_names_are(tmp_path):
 
 def test_a_motion_finds_its_human_also_after_both_have_moved(tmp_path):
     clip = wave(tmp_path / "one")
-    about = motion.about_clip(clip, tmp_path / "one") | {"clip_time_offset_s": 0.5}
+    about = motions.about_clip(clip, tmp_path / "one") | {"clip_time_offset_s": 0.5}
     shown = moving(tmp_path / "one", about=about)
-    assert motion.recorded_clip(shown)[0].samefile(clip) and not motion.recorded_clip(shown)[1]
+    assert motions.recorded_clip(shown)[0].samefile(clip) and not motions.recorded_clip(shown)[1]
     (tmp_path / "one").rename(tmp_path / "two")
-    shown = motion.read(tmp_path / "two" / "walk.parquet", coman())
-    clip = motion.recorded_clip(shown)[0]
-    seen = motion.human(clip, shown)
+    shown = motions.read(tmp_path / "two" / "walk.parquet", coman())
+    clip = motions.recorded_clip(shown)[0]
+    seen = motions.human(clip, shown)
     assert seen.label == "wave" and seen.time[0] == 0.5
-    np.testing.assert_array_equal(motion.skeletons(seen, [0.0, 0.5, 0.51]), seen.x[[0, 0, 0]])
-    np.testing.assert_array_equal(motion.skeletons(seen, [0.5 + 2 / 30, 99]), seen.x[[2, -1]])
+    np.testing.assert_array_equal(motions.skeletons(seen, [0.0, 0.5, 0.51]), seen.x[[0, 0, 0]])
+    np.testing.assert_array_equal(motions.skeletons(seen, [0.5 + 2 / 30, 99]), seen.x[[2, -1]])
     clip.write_bytes(clip.read_bytes() + b"\n")
-    assert "has changed since" in motion.recorded_clip(shown)[1]
+    assert "has changed since" in motions.recorded_clip(shown)[1]
     clip.unlink()
-    path, words = motion.recorded_clip(shown)
+    path, words = motions.recorded_clip(shown)
     assert path is None and "No such file" in words and "--human" in words
 
 
@@ -109,28 +108,28 @@ def test_a_human_of_keypoints_is_read_as_it_was_for_the_motion(tmp_path):
     people = np.stack([bodies.body(9), bodies.body(9)[::-1]], axis=1)
     clip = tmp_path / "two.npz"
     np.savez(clip, joints=people, fps=30.0)
-    first, second = (clipframes.read(clip, "midpoint", how=How(person=i)) for i in (0, 1))
-    about = motion.about_clip(clip, tmp_path) | second.reading.how.about()
+    first, second = (read_frames(clip, "midpoint", how=How(person=i)) for i in (0, 1))
+    about = motions.about_clip(clip, tmp_path) | second.reading.how.about()
     shown = moving(tmp_path, about=about)
-    np.testing.assert_array_equal(motion.human(clip, shown).x, second.x)
-    np.testing.assert_array_equal(motion.human(clip, shown, How(person=0)).x, first.x)
+    np.testing.assert_array_equal(motions.human(clip, shown).x, second.x)
+    np.testing.assert_array_equal(motions.human(clip, shown, How(person=0)).x, first.x)
     other = tmp_path / "other.npz"  # what is known of one clip says nothing of another
     np.savez(other, joints=people)
     with pytest.raises(ClipError, match="holds 2 persons"):
-        motion.human(other, shown)
+        motions.human(other, shown)
 
 
 @pytest.mark.parametrize("name", [None, 7, "\0", "x" * 9999])
 def test_a_motion_without_a_usable_clip_says_so(tmp_path, name):
-    shown = moving(tmp_path, about={motion.CLIP: name})
-    path, words = motion.recorded_clip(shown)
+    shown = moving(tmp_path, about={motions.CLIP: name})
+    path, words = motions.recorded_clip(shown)
     assert path is None and "--human" in words
 
 
 def test_a_clip_of_another_time_is_refused(tmp_path):
     shown = moving(tmp_path, about={"clip_time_offset_s": 50.0})
     with pytest.raises(ClipError, match="lasts from 50.00"):
-        motion.human(wave(tmp_path), shown)
+        motions.human(wave(tmp_path), shown)
 
 
 def test_a_human_has_the_directions_it_was_given_and_the_lengths_of_whom_it_is_laid_over():
@@ -162,7 +161,7 @@ def test_kinds_are_told_from_modes_or_from_what_the_robot_does(tmp_path):
     q = np.repeat(robot.anchor[None], 6, 0)
     q[3:, 0] += 0.01
     files.write(trajectory.make("m", robot.joint_names, np.arange(6.0), q), tmp_path / "m.csv")
-    other = motion.read(tmp_path / "m.csv", coman())
+    other = motions.read(tmp_path / "m.csv", coman())
     still = pace.spans(pace.kinds(other, np.arange(6.0)))
     assert still == [(1, 3, pace.STILL), (4, 6, pace.STILL)]
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from s3le import following
 from s3le.cli import shell
 from s3le.cli.main import app
-from s3le.scene import motion, pace
+from s3le.show import motions, pace
 
 ROOT = Path(__file__).parents[1]
 ROBOT = ["--robot", str(ROOT / "data" / "robots" / "coman.yaml")]
@@ -30,7 +30,7 @@ def run(*words):
 def walk(tmp_path):
     """A motion that knows its clip."""
     clip = wave(tmp_path)
-    return moving(tmp_path, about=motion.about_clip(clip, tmp_path)).path
+    return moving(tmp_path, about=motions.about_clip(clip, tmp_path)).path
 
 
 def picture(path):
@@ -120,7 +120,7 @@ def test_what_cannot_be_drawn_is_one_line_and_leaves_nothing(
 
 
 def test_a_film_that_breaks_off_leaves_the_old_one(walk, tmp_path, monkeypatch):
-    from s3le.report import film
+    from s3le.show import film
 
     (tmp_path / "a.gif").write_bytes(b"old")
     drawn = film.Film.picture
@@ -142,9 +142,9 @@ def test_a_retargeted_clip_knows_its_human(tmp_path, monkeypatch):
     clip = wave(tmp_path)
     assert run("retarget", clip, "--out", tmp_path / "out").exit_code == 0
     shown = moving(tmp_path)  # for its machine
-    made = motion.read(tmp_path / "out" / "wave.parquet", shown.machine)
-    assert motion.recorded_clip(made) == (tmp_path / "out" / "../clips/wave.bvh", "")
-    assert json.loads((tmp_path / "out" / "wave.json").read_text())[motion.CLIP_HASH]
+    made = motions.read(tmp_path / "out" / "wave.parquet", shown.machine)
+    assert motions.recorded_clip(made) == (tmp_path / "out" / "../clips/wave.bvh", "")
+    assert json.loads((tmp_path / "out" / "wave.json").read_text())[motions.CLIP_HASH]
 
 
 # --- the viewer
@@ -174,7 +174,7 @@ def served(tmp_path_factory):
     pytest.importorskip("viser")
     folder = tmp_path_factory.mktemp("served")
     clip = wave(folder, by=0.0)  # the human stands, so what moves is the robot
-    walk = moving(folder, about=motion.about_clip(clip, folder)).path
+    walk = moving(folder, about=motions.about_clip(clip, folder)).path
     with browser.serving(walk, *ROBOT) as found:
         yield found
 

@@ -23,14 +23,15 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine, segments
+from s3le import machine
 from s3le.errors import ParameterError
-from s3le.kernels import batch, segment
-from s3le.kernels.swept import swept, travels
+from s3le.kernels import batch
 from s3le.kernels.threads import use_threads
 from s3le.robot.certificate import placements
-from s3le.robot.judge import Judge
-from s3le.segments import CERTIFIED, COLLIDES, UNDECIDED, Prover, certify
+from s3le.safety import paths, segment
+from s3le.safety.judge import Judge
+from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, Prover, certify
+from s3le.safety.swept import swept, travels
 
 BETWEEN = 0.0005  # [m], clearance to keep between poses
 AGREEMENT = 1e-7  # [m], of kernels and coal on any capsules (test_distance.py)
@@ -67,7 +68,7 @@ def steps(speed: float, n: int = 400, seed: int = 1):
     return q0[near], q1[near]
 
 
-def prove_all(made, pairs, margin=BETWEEN, budget=segments.BUDGET):
+def prove_all(made, pairs, margin=BETWEEN, budget=paths.BUDGET):
     prover = Prover(made, margin, budget)
     return [prover.step(a, b) for a, b in zip(*pairs, strict=True)]
 

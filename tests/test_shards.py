@@ -9,16 +9,16 @@ import polars as pl
 import pytest
 from worlds import MARGIN, coman
 
-from s3le import machine, store
-from s3le.engine import key, run
-from s3le.engine.task import Job
+from s3le import machine
 from s3le.errors import ParameterError, RobotError, TableError
 from s3le.kernels import batch
-from s3le.samplers import SAMPLERS
-from s3le.sampling import relaxed_limits
-from s3le.shards import PoseShards, TupleShards
-from s3le.tables.kinematic_pairs import kinematic_pairs
-from s3le.tables.robot_poses import robot_poses
+from s3le.store import tables
+from s3le.tuples.engine import key, run
+from s3le.tuples.engine.task import Job
+from s3le.tuples.samplers import SAMPLERS
+from s3le.tuples.sampling import relaxed_limits
+from s3le.tuples.shards import PoseShards, TupleShards
+from s3le.tuples.tables import kinematic_pairs, robot_poses
 
 TUPLES, POSES = kinematic_pairs(11, MARGIN), robot_poses(11, MARGIN)
 
@@ -103,13 +103,13 @@ def test_counts_of_a_shard_are_those_of_its_rows(files):
 def test_a_table_in_shards_reads_like_one(files, tmp_path, workers):
     task, out = tuple_task(files), tmp_path / "out"
     run.produce(task, 700, out, run.Where(workers=workers), lambda *_: 0, print, tmp_path / "s")
-    rows = store.read(TUPLES, out, coman().tag)
+    rows = tables.read(TUPLES, out, coman().tag)
     assert rows["row"].tolist() == list(range(700))
     for number, first in ((0, 0), (1, 300), (2, 600)):
         part = columns(task.make(Job(number, min(300, 700 - first))))
         for name, values in part.items():
             assert np.array_equal(rows[name][first : first + len(values)], values)
-    assert store.read(TUPLES, out, columns=["mix"]).keys() == {"mix"}
+    assert tables.read(TUPLES, out, columns=["mix"]).keys() == {"mix"}
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
@@ -158,7 +158,7 @@ def made(files, tmp_path):
 
 def refusal(out: Path) -> str:
     with pytest.raises(TableError) as error:
-        store.read(POSES, out, coman().tag)
+        tables.read(POSES, out, coman().tag)
     text = str(error.value)
     assert "\n" not in text and text.endswith("write it with: dvc repro poses")
     return text
@@ -228,7 +228,7 @@ def test_a_manifest_that_is_none_is_refused(made, text):
 def test_a_folder_without_a_manifest_is_refused(made):
     (made / "manifest.json").unlink()
     with pytest.raises(TableError, match=r"manifest.json is missing; write it with: dvc repro pos"):
-        store.read(POSES, made)
+        tables.read(POSES, made)
 
 
 @pytest.mark.parametrize("alpha", [-0.1, np.nan, np.inf], ids=str)

@@ -13,8 +13,8 @@ from handmade import amc, asf, bvh, deepmimic, table, write
 from webserver import serving
 
 from s3le.errors import ClipError, FetchError, ParameterError
-from s3le.mocap import fetch, sources
-from s3le.mocap.read import read_clip
+from s3le.human import fetch, sources
+from s3le.human.read import read_clip
 
 ROW = [0.0] * 12
 ASF, AMC = asf().encode(), amc({}, {}, {}).encode()

@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from s3le import store
 from s3le.errors import TableError
-from s3le.tables.robot_poses import robot_poses
+from s3le.store import documents, tables
+from s3le.tuples.tables import robot_poses
 
 TABLE = robot_poses(n_dof=3, margin=0.002)
 TAG = "arm 0123 margin=0.002 neck=midpoint"
@@ -31,15 +31,15 @@ def columns(n=3, **changes):
 
 def test_what_is_written_is_read(tmp_path):
     path = tmp_path / "poses.parquet"
-    store.write(columns(), TABLE, path, TAG)
-    for name, values in store.read(TABLE, path, TAG).items():
+    tables.write(columns(), TABLE, path, TAG)
+    for name, values in tables.read(TABLE, path, TAG).items():
         np.testing.assert_array_equal(values, columns()[name])
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_file_explains_itself(tmp_path):
     path = tmp_path / "poses.parquet"
-    store.write(columns(), TABLE, path, TAG)
+    tables.write(columns(), TABLE, path, TAG)
     schema = pq.read_schema(path)
     assert schema.metadata[b"s3le.robot"].decode() == TAG
     assert schema.metadata[b"s3le.grain"] == b"one feasible pose, uniform over the feasible set"
@@ -49,7 +49,7 @@ def test_a_file_explains_itself(tmp_path):
 
 def test_the_same_rows_give_the_same_bytes(tmp_path):
     for name in ("a", "b"):
-        store.write(columns(2000), TABLE, tmp_path / name, TAG)
+        tables.write(columns(2000), TABLE, tmp_path / name, TAG)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
@@ -59,7 +59,7 @@ def test_an_uncertified_clearance_is_refused_and_leaves_nothing(tmp_path, bad, r
     clearance = np.full(3, 0.01)
     clearance[row] = bad
     with pytest.raises(TableError, match="rule 'collision_free' fails on 1 of 3 rows"):
-        store.write(columns(clearance=clearance), TABLE, tmp_path / "p", TAG)
+        tables.write(columns(clearance=clearance), TABLE, tmp_path / "p", TAG)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -75,18 +75,18 @@ def test_a_pose_that_is_not_finite_is_refused(tmp_path):
     q = np.zeros((3, 3))
     q[1, 2] = np.nan
     with pytest.raises(TableError, match="rule 'pose_is_finite' fails on 1 of 3 rows"):
-        store.write(columns(q=q), TABLE, tmp_path / "p", TAG)
+        tables.write(columns(q=q), TABLE, tmp_path / "p", TAG)
 
 
 def test_bones_must_have_unit_length(tmp_path):
     x = columns()["x"] * (1 + 1e-8)
     with pytest.raises(TableError, match="rule 'unit_vectors' fails on 3 of 3 rows"):
-        store.write(columns(x=x), TABLE, tmp_path / "p", TAG)
+        tables.write(columns(x=x), TABLE, tmp_path / "p", TAG)
 
 
 def test_a_key_that_repeats_is_refused(tmp_path):
     with pytest.raises(TableError, match=r"key \{'row': 1\} occurs more than once"):
-        store.write(columns(row=np.array([0, 1, 1], np.int32)), TABLE, tmp_path / "p", TAG)
+        tables.write(columns(row=np.array([0, 1, 1], np.int32)), TABLE, tmp_path / "p", TAG)
 
 
 @pytest.mark.parametrize(
@@ -100,19 +100,19 @@ def test_a_key_that_repeats_is_refused(tmp_path):
 )
 def test_another_shape_is_refused(tmp_path, change, words):
     with pytest.raises((TableError, pl.exceptions.ShapeError), match=words):
-        store.write(columns(**change), TABLE, tmp_path / "p", TAG)
+        tables.write(columns(**change), TABLE, tmp_path / "p", TAG)
 
 
 def test_an_empty_table_is_refused(tmp_path):
     with pytest.raises(TableError, match="robot_poses: no rows; written by stage 'poses'"):
-        store.write(columns(0), TABLE, tmp_path / "p", TAG)
+        tables.write(columns(0), TABLE, tmp_path / "p", TAG)
 
 
 def test_a_table_of_another_robot_is_refused(tmp_path):
     path = tmp_path / "poses.parquet"
-    store.write(columns(), TABLE, path, TAG)
+    tables.write(columns(), TABLE, path, TAG)
     with pytest.raises(TableError) as refusal:
-        store.read(TABLE, path, "g1 9876")
+        tables.read(TABLE, path, "g1 9876")
     assert str(refusal.value) == (
         f"{path} was made for robot '{TAG}', this is 'g1 9876'; write it with: dvc repro poses"
     )
@@ -120,12 +120,12 @@ def test_a_table_of_another_robot_is_refused(tmp_path):
 
 def test_a_table_cannot_be_written_without_its_robot(tmp_path):
     with pytest.raises(TableError, match="cannot be written without naming its robot"):
-        store.write(columns(), TABLE, tmp_path / "p")
+        tables.write(columns(), TABLE, tmp_path / "p")
 
 
 def test_a_missing_table_says_which_command_writes_it(tmp_path):
     with pytest.raises(TableError, match="is missing; write it with: dvc repro poses"):
-        store.read(TABLE, tmp_path / "none.parquet", TAG)
+        tables.read(TABLE, tmp_path / "none.parquet", TAG)
 
 
 @pytest.mark.parametrize("damage", [b"", b"PAR1", b"not parquet at all"], ids=repr)
@@ -133,32 +133,32 @@ def test_a_damaged_file_is_refused(tmp_path, damage):
     path = tmp_path / "p.parquet"
     path.write_bytes(damage)
     with pytest.raises(TableError, match="not readable as Parquet"):
-        store.read(TABLE, path, TAG)
+        tables.read(TABLE, path, TAG)
 
 
 def test_a_truncated_file_is_refused(tmp_path):
     path = tmp_path / "p.parquet"
-    store.write(columns(500), TABLE, path, TAG)
+    tables.write(columns(500), TABLE, path, TAG)
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(TableError, match="not readable as Parquet"):
-        store.read(TABLE, path, TAG)
+        tables.read(TABLE, path, TAG)
 
 
 def test_a_table_edited_by_hand_is_refused_when_read(tmp_path):
     path = tmp_path / "p.parquet"
-    store.write(columns(), TABLE, path, TAG)
+    tables.write(columns(), TABLE, path, TAG)
     rows = pq.read_table(path)
     at = rows.schema.get_field_index("clearance")
     edited = rows.set_column(at, rows.schema.field(at), [[0.01, float("nan"), 0.01]])
     pq.write_table(edited, path)
     with pytest.raises(TableError, match="rule 'collision_free' fails on 1 of 3 rows"):
-        store.read(TABLE, path, TAG)
+        tables.read(TABLE, path, TAG)
 
 
 def test_no_flipped_bit_of_the_rows_goes_unseen(tmp_path):
     path = tmp_path / "p.parquet"
     q = np.random.default_rng(0).normal(size=(40, 3))
-    store.write(columns(40, q=q), TABLE, path, TAG)
+    tables.write(columns(40, q=q), TABLE, path, TAG)
     data = path.read_bytes()
     at = next(i for i in range(len(data)) if data[i : i + 8] == q[0, 0].tobytes())
     for bit in range(64):
@@ -166,29 +166,29 @@ def test_no_flipped_bit_of_the_rows_goes_unseen(tmp_path):
         damaged[at + bit // 8] ^= 1 << bit % 8
         path.write_bytes(damaged)
         with pytest.raises(TableError, match="not readable as Parquet .*(CRC|checksum)"):
-            store.read(TABLE, path, TAG)
+            tables.read(TABLE, path, TAG)
 
 
 def test_a_rule_that_fails_in_a_file_names_the_file(tmp_path):
     path = tmp_path / "p.parquet"
-    store.write(columns(), TABLE, path, TAG)
+    tables.write(columns(), TABLE, path, TAG)
     with pytest.raises(TableError) as refusal:
-        store.read(robot_poses(n_dof=3, margin=0.02), path, TAG)
+        tables.read(robot_poses(n_dof=3, margin=0.02), path, TAG)
     assert str(refusal.value).startswith(f"{path}: robot_poses: rule 'collision_free' fails on 3")
 
 
 def test_words_about_a_column_that_are_no_text_do_no_harm(tmp_path):
     path = tmp_path / "p.parquet"
-    store.write(columns(), TABLE, path, TAG)
+    tables.write(columns(), TABLE, path, TAG)
     rows = pq.read_table(path)
     fields = [field.with_metadata({b"unit": b"\xff\xfe"}) for field in rows.schema]
     pq.write_table(rows.cast(pa.schema(fields, rows.schema.metadata)), path)
-    assert store.read(TABLE, path, TAG).keys() == columns().keys()
+    assert tables.read(TABLE, path, TAG).keys() == columns().keys()
 
 
 def test_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "p.parquet"
-    store.write(columns(3), TABLE, path, TAG)
+    tables.write(columns(3), TABLE, path, TAG)
     before = path.read_bytes()
 
     def full(*_args, **_kw):
@@ -196,7 +196,7 @@ def test_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        store.write(columns(4), TABLE, path, TAG)
+        tables.write(columns(4), TABLE, path, TAG)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 
@@ -204,7 +204,7 @@ def test_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), {1, 2}], ids=str)
 def test_json_takes_only_finite_numbers(tmp_path, value):
     with pytest.raises(TableError, match="not writable as JSON"):
-        store.write_json({"a": value}, tmp_path / "m.json")
+        documents.write_json({"a": value}, tmp_path / "m.json")
 
 
 @pytest.mark.parametrize(
@@ -215,12 +215,12 @@ def test_damaged_json_is_refused(tmp_path, text):
     path = tmp_path / "m.json"
     path.write_text(text)
     with pytest.raises(TableError, match="JSON"):
-        store.read_json(path, "metrics")
+        documents.read_json(path, "metrics")
 
 
 def test_csv_comes_back(tmp_path):
     rows = [{"step": 50, "loss": 1.5}, {"step": 100, "loss": 0.25}]
-    store.write_csv(rows, tmp_path / "h.csv")
-    assert store.read_csv(tmp_path / "h.csv", "train@s3le") == rows
+    documents.write_csv(rows, tmp_path / "h.csv")
+    assert documents.read_csv(tmp_path / "h.csv", "train@s3le") == rows
     with pytest.raises(TableError, match="dvc repro train@s3le"):
-        store.read_csv(Path("none.csv"), "train@s3le")
+        documents.read_csv(Path("none.csv"), "train@s3le")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from s3le import synthetic
-from s3le.artifact import encode_x
 from s3le.errors import ParameterError
-from s3le.models import Sizes, build
-from s3le.synthetic import LOWER, UPPER, Settings, invariant, project, run, to_y
+from s3le.learn.artifact import encode_x
+from s3le.learn.models import Sizes, build
+from s3le.study import synthetic
+from s3le.study.synthetic import LOWER, UPPER, Settings, invariant, project, run, to_y
 
 SMALL = Settings(
     seed=0, seeds=2, points=500, glue=10, glue_side=1.0, steps=40, batch=32, latent=4, hidden=16,

@@ -7,15 +7,15 @@ import polars as pl
 import pytest
 
 from s3le.errors import TableError
-from s3le.tables.book import page, tables
-from s3le.tables.schema import Column, Table, at_least, finite, unit_bones, vector
+from s3le.store.schema import Column, Table, at_least, finite, unit_bones, vector
+from s3le.study.book import page, tables
 
 ROOT = Path(__file__).parents[1]
 ALL = tables(n_dof=11, margin=0.002, latent=32)
 
 
 def test_the_page_of_tables_is_up_to_date():
-    """Render it anew with: python -c "from s3le.tables.book import *; print(page(tables(...)))"."""
+    """Render it anew with: python -c "from s3le.study.book import *; print(page(tables(...)))"."""
     assert (ROOT / "docs" / "tables.md").read_text(encoding="utf-8") == page(ALL)
 
 

@@ -17,7 +17,6 @@ from test_video import REAL, ROOT, film
 from worlds import coman
 
 from s3le.cli.main import app
-from s3le.retarget import bundle
 from s3le.video import process
 from s3le.video.decode import Video
 
@@ -42,7 +41,7 @@ def place(tmp_path_factory):
     """What a folder holds after `make repro`, with few poses, and a person's own clips."""
     folder = tmp_path_factory.mktemp("tour")
     skeleton = an_index(stored()[1])
-    bundle.save(folder / "data/retargeter", coman(), "skeleton", "l2", DEFAULT, skeleton, None)
+    folder.save(folder / "data/retargeter", coman(), "skeleton", "l2", DEFAULT, skeleton, None)
     dance = deepmimic(*({8: [np.cos(a), np.sin(a), 0, 0]} for a in np.linspace(0, 0.6, 12)))
     write(folder / "data/downloads/demo/dance_b.txt", dance)
     rows = [[0, 0, 0, 0, 0, 0, -2 * k, 0, 0, 0, 0, 0] for k in range(12)]

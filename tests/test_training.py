@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import torch
 
-from s3le import artifact, batches, losses, training
-from s3le.batches import TrainingData, Tuples
 from s3le.errors import ParameterError, TrainingError
-from s3le.models import Sizes, build
-from s3le.training import Training, train
+from s3le.learn import artifact, batches, losses, training
+from s3le.learn.batches import TrainingData, Tuples
+from s3le.learn.models import Sizes, build
+from s3le.learn.training import Training, train
 
 TINY = Training(
     steps=12,

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from worlds import coman
 
 from s3le.errors import S3leError, TrajectoryError
-from s3le.trajectory import files, npz, text, trajectory
-from s3le.trajectory.fit import fit
+from s3le.motion import files, npz, text, trajectory
+from s3le.motion.fit import fit
 
 WRITTEN = files.WRITTEN
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -133,9 +133,9 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, suffix, m
     def fails(*_args, **_more):
         raise OSError("disk full")
 
-    for place in ("s3le.trajectory.parquet.pq.write_table", "numpy.savez_compressed"):
+    for place in ("s3le.motion.parquet.pq.write_table", "numpy.savez_compressed"):
         monkeypatch.setattr(place, fails)
-    monkeypatch.setattr("s3le.files.os.fsync", fails)
+    monkeypatch.setattr("s3le.store.atomic.os.fsync", fails)
     with pytest.raises(OSError, match="disk full"):
         files.write(made(rows=9), path)
     assert path.read_bytes() == before

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from s3le import clipframes
 from s3le.cli.main import app
 from s3le.errors import ClipError, ParameterError, VideoError
-from s3le.mocap import points_parquet
-from s3le.mocap.read import is_clip, read_clip
+from s3le.human import points_parquet
+from s3le.human.read import is_clip, read_clip
+from s3le.human.skeletons import read_frames
 from s3le.skeleton import POINTS
 from s3le.video import convert, process, smooth, track, worker
 from s3le.video.convert import Choices, Looked
@@ -249,7 +249,7 @@ def file(tmp_path):
 def test_the_file_is_a_clip_like_any_other(file):
     clip = read_clip(file)
     assert clip.name == "walk" and clip.fps == pytest.approx(30.0) and len(clip.points) == 90
-    frames = clipframes.read(file, "midpoint")
+    frames = read_frames(file, "midpoint")
     assert len(frames.x) == 70 and frames.dropped["not_finite"] == 20
     assert frames.gap == pytest.approx(21 / 30)
     assert read_clip(file, fps=60.0).fps == 60.0
@@ -568,7 +568,7 @@ def test_a_video_becomes_a_clip_and_the_summary_says_how(tmp_path):
     assert "phone.mp4: 50 frames at 25 Hz, a person in 80%; 40 of 50 rows known" in said.output
     assert "1 gaps (longest 0.40 s), 0 cuts, 0 jumps" in said.output
     assert "turned by 90 deg" in said.output and "camera looks down by 0.0 deg" in said.output
-    frames = clipframes.read(out, "midpoint")
+    frames = read_frames(out, "midpoint")
     assert len(frames.x) == 40 and frames.fps == pytest.approx(25.0)
     told = points_parquet.about(out)
     assert told["estimator"] == "fake 1" and told["frames_by_status"] == {"seen": 40, "nobody": 10}

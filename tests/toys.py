@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from s3le.engine.task import Job, Made
 from s3le.errors import RobotError
+from s3le.tuples.engine.task import Job, Made
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class Toy:
 
 def main(words: list[str]) -> None:
     """Make a toy table: toys.py OUT ROWS WORKERS [name=value ...]."""
-    from s3le.engine import run
+    from s3le.tuples.engine import run
 
     kinds = {name: type(value) for name, value in asdict(Toy()).items()}
     given = dict(word.split("=") for word in words[3:])

@@ -5,7 +5,7 @@ of any body moves more than 1 mm between two samples, and an engine that shares 
 retargeter's kernels measures every watched pair that can come near. Left out are pairs that cannot:
 in the middle of each PART of the samples the engine measures all of them, and a pair that is then
 farther apart than both bodies can travel from there (link lengths by pinocchio,
-s3le/robot/judge.py), and FAR more, is as good as measured.
+s3le/safety/judge.py), and FAR more, is as good as measured.
 
 It proves nothing. It looks, at other places and with other arithmetic than the proof that it
 judges; so it would see a proof that is wrong.
@@ -17,7 +17,7 @@ import numpy as np
 from engines import Engine
 
 from s3le.machine import Machine
-from s3le.robot.judge import reaches
+from s3le.safety.judge import reaches
 
 STEP = 0.001  # [m], most that a point of a body moves between two samples
 FAR = 0.005  # [m], pairs that stay farther apart than this are not sampled

@@ -27,9 +27,9 @@ import shards
 import typer
 from tqdm import tqdm
 
-from s3le import store
-from s3le.engine.key import closure
 from s3le.errors import S3leError
+from s3le.store import documents
+from s3le.tuples.engine.key import closure
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -73,7 +73,7 @@ def main(
     about = describe(court, seed)
     if search > 0.0:
         found = hunt.search(court, search * 60.0, seed, _bar)
-        store.write_json(about | found, reports / "search.json")
+        documents.write_json(about | found, reports / "search.json")
         raise SystemExit(_say(found, reports / "search.json"))
     shelf = work / key(court, seed)
     count = -(-steps // shards.STEPS)
@@ -83,7 +83,7 @@ def main(
         try:
             todo = (i for i in range(count) if i not in done and time.monotonic() < stop)
             for i, made in perform(court, seed, todo, workers):
-                store.write_json(made, shelf / f"{i:06d}.json")
+                documents.write_json(made, shelf / f"{i:06d}.json")
                 done[i] = made
                 bar.update(shards.STEPS)
         except KeyboardInterrupt:
@@ -92,7 +92,7 @@ def main(
         raise SystemExit("make judge: not one shard was finished; nothing is recorded")
     found = total([done[i] for i in sorted(done)])
     found = {"complete": len(done) == count, "steps_planned": count * shards.STEPS} | found
-    store.write_json(about | found, reports / "steps.json")
+    documents.write_json(about | found, reports / "steps.json")
     raise SystemExit(_say(found, reports / "steps.json"))
 
 

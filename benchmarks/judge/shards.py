@@ -13,10 +13,11 @@ import streams
 from engines import Coal, Mujoco, mujoco
 from judging import FAR, Judge, Verdict, promise_of
 
-from s3le import clipframes, store
 from s3le.errors import BundleError, ClipError
+from s3le.human.skeletons import read_frames
+from s3le.human.tables import SKELETONS
 from s3le.retarget.stream import Retargeter
-from s3le.tables.skeletons import SKELETONS
+from s3le.store import tables
 
 STEPS = 1000  # of a shard
 MUJOCO_EVERY = 10  # one step in so many is judged by MuJoCo too
@@ -157,10 +158,10 @@ def read_clips(source: Path, neck: str) -> list[tuple[float, np.ndarray]]:
     """
     if source.is_dir():
         paths = sorted(p for p in source.rglob("*") if p.name.lower().endswith(CLIPS))
-        found = [clipframes.read(path, neck) for path in paths]
+        found = [read_frames(path, neck) for path in paths]
         out = [(clip.fps, clip.x) for clip in found]
     elif source.is_file():
-        table = store.read(SKELETONS, source)
+        table = tables.read(SKELETONS, source)
         names = np.unique(table["clip"])
         out = [(30.0, table["x"][table["clip"] == name]) for name in names]
     else:

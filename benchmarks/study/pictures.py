@@ -11,12 +11,15 @@ from typing import Annotated
 
 import typer
 
-from s3le import latents, machine, methods, snapshots, store
-from s3le.report import curves, spaces, strip
-from s3le.tables.ground_truth import ground_truth
-from s3le.tables.retargeted import retargeted
-from s3le.tables.robot_poses import robot_poses
-from s3le.tables.skeletons import SKELETONS
+from s3le import machine
+from s3le.human.tables import SKELETONS
+from s3le.learn import methods
+from s3le.report import curves, spaces
+from s3le.show import strip
+from s3le.store import documents, tables
+from s3le.study import latents, snapshots
+from s3le.study.tables import ground_truth, retargeted
+from s3le.tuples.tables import robot_poses
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "reports/study"
@@ -32,10 +35,10 @@ def main(
     """Draw what the clone holds."""
     data, robot = folder / "data", machine.read(folder / "data/robot")
     n_dof, margin = robot.robot.n_dof, robot.margin
-    frames = store.read(SKELETONS, data / "skeletons.parquet")
-    truth = store.read(ground_truth(n_dof, margin), data / "ground_truth.parquet", robot.tag)
+    frames = tables.read(SKELETONS, data / "skeletons.parquet")
+    truth = tables.read(ground_truth(n_dof, margin), data / "ground_truth.parquet", robot.tag)
     answers = {
-        name: store.read(retargeted(n_dof), data / f"retargeted-{name}.parquet", robot.tag)
+        name: tables.read(retargeted(n_dof), data / f"retargeted-{name}.parquet", robot.tag)
         for name in SHOWN
     }
     name, rows = snapshots.choose(frames, clip, moments)
@@ -43,11 +46,11 @@ def main(
         robot, frames, rows, truth, answers, {name: methods.label(name) for name in SHOWN}
     )
     strip.draw(OUT / "strip.png", frames["time"][rows], shown, f"{robot.robot.name}: CMU {name}")
-    poses = store.read(robot_poses(n_dof, margin), data / "robot_poses", robot.tag, ("q",))
+    poses = tables.read(robot_poses(n_dof, margin), data / "robot_poses", robot.tag, ("q",))
     models = {name: data / f"model-{name}.safetensors" for name in TRAINED}
     spaces.draw(OUT / "latents.png", latents.spaces(robot, frames, truth, poses, models))
     reports = folder / "reports/training"
-    histories = {name: store.read_csv(reports / f"{name}.csv", "train") for name in TRAINED}
+    histories = {name: documents.read_csv(reports / f"{name}.csv", "train") for name in TRAINED}
     curves.draw(OUT / "training.png", histories)
     print(f"strip of CMU {name}; pictures in {OUT}")
 

@@ -31,7 +31,7 @@ import torch
 import typer
 from ruamel.yaml import YAML
 
-from s3le import store
+from s3le.store import documents
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -89,7 +89,7 @@ def record(run: Run, found: list[dict[str, Any]]) -> None:
         if old is not None:
             same = pl.all_horizontal(pl.col(key) == getattr(run, key) for key in KEYS)
             new = pl.concat([old.filter(~same), new], how="vertical_relaxed")
-        store.write_csv(new.to_dicts(), RUNS)
+        documents.write_csv(new.to_dicts(), RUNS)
 
 
 def prepare(clone: Path, update: bool) -> str:

@@ -13,9 +13,9 @@ from pathlib import Path
 import polars as pl
 from ruamel.yaml import YAML
 
-from s3le import store
-from s3le.methods import ENTRIES
+from s3le.learn.methods import ENTRIES
 from s3le.report import bars
+from s3le.store import documents
 
 HERE = Path(__file__).resolve().parent
 REPORTS = HERE.parents[1] / "reports/study"
@@ -167,7 +167,7 @@ def main() -> None:
         draw(own, name)
         parts += [f"![{name}: each motion]({name}.png)"]
     text = "\n\n".join(parts) + "\n"
-    store.write_text(text, REPORTS / "study.md")
+    documents.write_text(text, REPORTS / "study.md")
 
 
 def draw(runs: pl.DataFrame, name: str) -> None:

@@ -10,8 +10,8 @@ from s3le.cli import options, shell
 from s3le.errors import S3leError
 
 if TYPE_CHECKING:
-    from s3le.audit import Check, Demands, Report
     from s3le.machine import Machine
+    from s3le.safety.audit import Check, Demands, Report
 
 
 def audit(
@@ -71,8 +71,8 @@ def audit(
     Exit status: 0 if everything holds, 1 if something does not or could not be decided, 2 if a
     file could not be read.
     """  # noqa: D301
-    from s3le import audit as library
-    from s3le.segments import BUDGET
+    from s3le.safety import audit as library
+    from s3le.safety.paths import BUDGET
 
     with shell.guarded():
         machine = shell.robot(robot, margin)
@@ -128,10 +128,10 @@ def _one(
     """Audit one file; every: the margin of poses is asked of rows between two frames too."""
     import numpy as np
 
-    from s3le import audit as library
-    from s3le.trajectory import files
-    from s3le.trajectory.fit import fit
-    from s3le.trajectory.trajectory import BETWEEN
+    from s3le.motion import files
+    from s3le.motion.fit import fit
+    from s3le.motion.trajectory import BETWEEN
+    from s3le.safety import audit as library
 
     trajectory, notes = fit(files.read(path, fps, joints), machine.robot, degrees)
     at_rows = None
@@ -153,7 +153,7 @@ def _one(
 def _lines(
     path: Path, machine: "Machine", wanted: "Demands", report: "Report", notes: list[str]
 ) -> list[str]:
-    from s3le.audit import say
+    from s3le.safety.audit import say
 
     robot = machine.robot
     lines = [

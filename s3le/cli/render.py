@@ -87,7 +87,7 @@ def _check(
     out: Path, frames: int | None, every: float | None, fps: float, size: int | None
 ) -> bool:
     """Is it a strip? What cannot be drawn is refused before anything is read."""
-    from s3le import movie
+    from s3le.show import movie
 
     kind = out.suffix.lower()
     if kind not in (STRIP, *movie.FORMATS):
@@ -110,8 +110,7 @@ def _check(
 
 
 def _painter(fine: int):
-    from s3le.report import solid
-    from s3le.scene import raster
+    from s3le.show import raster, solid
 
     return solid.Painter(raster.rays, raster.shadow, fine)
 
@@ -119,29 +118,28 @@ def _painter(fine: int):
 def _strip(loaded, out, frames, every, begin, end, angles, size) -> None:
     import numpy as np
 
-    from s3le.report import solid, strip
-    from s3le.scene import motion, rows
+    from s3le.show import motions, rows, solid, strip
 
-    motions = loaded.motions
-    first = min(one.trajectory.time[0] for one in motions) if begin is None else begin
-    last = max(one.trajectory.time[-1] for one in motions) if end is None else end
+    shown = loaded.motions
+    first = min(one.trajectory.time[0] for one in shown) if begin is None else begin
+    last = max(one.trajectory.time[-1] for one in shown) if end is None else end
     if every is not None:
-        times = motion.moments(motions, 1.0 / every, begin, end, exact=True)
+        times = motions.moments(shown, 1.0 / every, begin, end, exact=True)
         if len(times) > MOST_CELLS:
             raise ParameterError(
                 f"--every {every:g} makes {len(times)} snapshots, at most {MOST_CELLS} are drawn; "
                 "take a longer step, or a part with --from and --to"
             )
     else:
-        motion.moments(motions, 1.0, begin, end)  # refuses an empty part
+        motions.moments(shown, 1.0, begin, end)  # refuses an empty part
         times = np.linspace(first, last, (frames or 8) if last > first else 1)
     shown_rows = [rows.human(loaded.human, times)] if loaded.human else []
-    for number, one in enumerate(motions):
-        told = rows.robot(one, times, number, len(motions) > 1)
+    for number, one in enumerate(shown):
+        told = rows.robot(one, times, number, len(shown) > 1)
         note = [f"{c * 1e3:.1f} mm" for c in told.clearance]
         shown_rows.append(told.row._replace(note=note))
-    names = ", ".join(dict.fromkeys(one.machine.robot.name for one in motions))
-    labels = ", ".join(one.label for one in motions)
+    names = ", ".join(dict.fromkeys(one.machine.robot.name for one in shown))
+    labels = ", ".join(one.label for one in shown)
     how = {} if size is None else {"width": size}
     strip.draw(
         out, times, shown_rows, f"{names}: {labels}",
@@ -150,17 +148,15 @@ def _strip(loaded, out, frames, every, begin, end, angles, size) -> None:
 
 
 def _film(loaded, out, fps, begin, end, angles, size) -> None:
-    from s3le import movie
-    from s3le.report import film, solid, style
-    from s3le.scene import motion, pace, rows
+    from s3le.show import film, motions, movie, pace, rows, solid, style
 
-    motions = loaded.motions
-    times = motion.moments(motions, fps, begin, end, exact=True)
+    shown = loaded.motions
+    times = motions.moments(shown, fps, begin, end, exact=True)
     shown_rows = [rows.human(loaded.human, times)] if loaded.human else []
     tracks, seen = [], set()
-    with shell.bar(len(times) * (len(motions) + 1), out.name, "pictures") as progress:
-        for number, one in enumerate(motions):
-            told = rows.robot(one, times, number, len(motions) > 1, progress)
+    with shell.bar(len(times) * (len(shown) + 1), out.name, "pictures") as progress:
+        for number, one in enumerate(shown):
+            told = rows.robot(one, times, number, len(shown) > 1, progress)
             shown_rows.append(told.row)
             spans = pace.spans(told.kind)
             seen |= {kind for _, _, kind in spans}

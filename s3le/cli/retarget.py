@@ -12,16 +12,16 @@ from s3le.errors import ModelError, ParameterError, S3leError
 
 if TYPE_CHECKING:
     from s3le.following import Follower
-    from s3le.mocap.keypoints.how import How
-    from s3le.trajectory.root import Root
-    from s3le.trajectory.whole import Whole
+    from s3le.human.keypoints.how import How
+    from s3le.motion.root import Root
+    from s3le.motion.whole import Whole
 
 MODEL = Path("data/retargeter")  # what the stage `export` writes
 STARTS = 20  # of the optimisation to compare with
 
 
 class Tool(StrEnum):
-    """Tools whose own layout is written; see s3le/trajectory/layouts.py."""
+    """Tools whose own layout is written; see s3le/motion/layouts.py."""
 
     gmr = "gmr"
     mjlab = "mjlab"
@@ -147,9 +147,9 @@ def retarget(
 
 def _clips(given: list[Path]) -> list[Path]:
     """The files that are meant; each must have a name of its own, for its results take it."""
-    from s3le.mocap.clip import clip_name
-    from s3le.mocap.keypoints.folders import frames_of, is_frame
-    from s3le.mocap.read import KEYPOINTS, READ, is_clip, suffix_of
+    from s3le.human.clip import clip_name
+    from s3le.human.keypoints.folders import frames_of, is_frame
+    from s3le.human.read import KEYPOINTS, READ, is_clip, suffix_of
 
     paths = []
     for path in given:
@@ -177,8 +177,8 @@ def _clips(given: list[Path]) -> list[Path]:
 
 def _refuse_overlap(paths: list[Path], out: Path, suffixes: list[str], tools: list[Tool]) -> None:
     """Refuse clips whose files would be one another's, as those of `a` and `a.gmr`, or a clip."""
-    from s3le.mocap.clip import clip_name
-    from s3le.trajectory import layouts
+    from s3le.human.clip import clip_name
+    from s3le.motion import layouts
 
     ends = [*suffixes, ".json", *(layouts.SUFFIX[tool] for tool in tools)]
     ends += [f"{end}.json" for end in ends if end.endswith(".csv")]
@@ -207,7 +207,7 @@ def _shape(
     follower: "Follower", full: bool, tools: list[Tool], root_height: float | None
 ) -> _Shape:
     """What all clips' files have in common; refuses what no clip could be written with."""
-    from s3le.trajectory import root, whole
+    from s3le.motion import root, whole
 
     robot = follower.machine.robot
     if root_height is not None and not tools:
@@ -232,16 +232,18 @@ def _one(
     how: dict[str, Any],
 ) -> dict[str, Any]:
     """Retarget one clip and write what came of it."""
-    from s3le import clipframes, conversion, store
-    from s3le.scene import motion
-    from s3le.trajectory import files, layouts, whole
+    from s3le.human.skeletons import read_frames
+    from s3le.motion import files, layouts, whole
+    from s3le.retarget import clip
+    from s3le.show import motions
+    from s3le.store import documents
 
-    how = how | {"about": how["about"] | motion.about_clip(path, out)}
-    frames = clipframes.read(path, follower.machine.neck, tilt_max, fps, how=known)
+    how = how | {"about": how["about"] | motions.about_clip(path, out)}
+    frames = read_frames(path, follower.machine.neck, tilt_max, fps, how=known)
     for words in frames.reading.told if frames.reading else ():
         typer.echo(f"{path}: note: {words}", err=True)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:
-        made = conversion.convert(follower, frames, **how, progress=progress)
+        made = clip.convert(follower, frames, **how, progress=progress)
     summary, written, complete = made.summary, made.trajectory, None
     if shape.whole is not None:
         complete = whole.complete(made.trajectory, follower.machine.robot, shape.whole)
@@ -253,7 +255,7 @@ def _one(
         to = out / f"{frames.name}{layouts.SUFFIX[tool]}"
         numbered = whole.numbered(complete, shape.whole)
         layouts.write(numbered, shape.base, summary["rate"], tool, to)
-    store.write_json(summary, out / f"{frames.name}.json")
+    documents.write_json(summary, out / f"{frames.name}.json")
     return summary
 
 

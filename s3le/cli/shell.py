@@ -12,8 +12,8 @@ from s3le.errors import ParameterError, RobotError, S3leError
 
 if TYPE_CHECKING:  # for the reader; importing it takes a second
     from s3le.following import Follower
+    from s3le.human.keypoints.how import How
     from s3le.machine import Machine
-    from s3le.mocap.keypoints.how import How
 
 OK, BROKEN, UNREADABLE = 0, 1, 2  # exit status
 MARGIN, NECK = 0.002, "midpoint"  # of a robot file, which has neither; see params.yaml
@@ -146,7 +146,7 @@ def how(
     Raises:
         ParameterError: a value is out of its range.
     """
-    from s3le.mocap.keypoints.how import How
+    from s3le.human.keypoints.how import How
 
     return How(layout, axes, pitch, person, confidence).check()
 

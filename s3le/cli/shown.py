@@ -9,9 +9,9 @@ from s3le.cli import shell
 from s3le.errors import ParameterError, RobotError
 
 if TYPE_CHECKING:
+    from s3le.human.keypoints.how import How
     from s3le.machine import Machine
-    from s3le.mocap.keypoints.how import How
-    from s3le.scene.motion import Human, Shown
+    from s3le.show.motions import Human, Shown
 
 NOBODY = "none"  # what --human says to show none
 
@@ -44,7 +44,7 @@ def load(
     Raises:
         S3leError: a file, the robot or the clip cannot be used.
     """
-    from s3le.scene import motion
+    from s3le.show import motions
 
     names = shell.names(joints)
     usual = shell.robot(robot)
@@ -54,17 +54,17 @@ def load(
         for note in one.notes:
             typer.echo(f"{path}: note: {note}", err=True)
         shown.append(one)
-    shown = motion.named(shown)
+    shown = motions.named(shown)
     if human == NOBODY:
         return Loaded(shown, None)
-    clip, words = (Path(human), "") if human else motion.recorded_clip(shown[0])
+    clip, words = (Path(human), "") if human else motions.recorded_clip(shown[0])
     if words:
         typer.echo(f"note: {words}", err=True)
     for one in shown[1:] if clip and not human else []:
-        other, _ = motion.recorded_clip(one)
+        other, _ = motions.recorded_clip(one)
         if other and other.resolve() != clip.resolve():
             typer.echo(f"note: the human is {clip}; {one.path} was made from {other}", err=True)
-    return Loaded(shown, motion.human(clip, shown[0], how) if clip else None)
+    return Loaded(shown, motions.human(clip, shown[0], how) if clip else None)
 
 
 def _read(
@@ -76,8 +76,8 @@ def _read(
     degrees: bool,
 ) -> "Shown":
     """One motion, of the usual robot or of the one that the file names."""
-    from s3le.scene import motion
-    from s3le.trajectory import files
+    from s3le.motion import files
+    from s3le.show import motions
 
     trajectory = files.read(path, rate, names)
     if may_choose:
@@ -91,7 +91,7 @@ def _read(
             else:
                 if other.robot.digest == made_for:
                     usual = other
-    return motion.of(trajectory, path, usual, degrees)
+    return motions.of(trajectory, path, usual, degrees)
 
 
 def camera(given: str | None) -> tuple[float, float] | None:

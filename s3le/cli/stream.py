@@ -45,7 +45,7 @@ def stream(
     Exit status: 0 at the end of input, 2 if nothing could begin or the independent check refused
     a pose.
     """  # noqa: D301
-    from s3le import live
+    from s3le.retarget import live
 
     with shell.guarded():
         follower = shell.follower(model, method)
@@ -65,7 +65,7 @@ def _listen(port: int, begin) -> None:
     """Serve one client after the other on loopback, until interrupted."""
     import socket
 
-    from s3le import live
+    from s3le.retarget import live
 
     with socket.create_server(("127.0.0.1", port)) as server:
         typer.echo(f"listening on 127.0.0.1:{server.getsockname()[1]}", err=True)

@@ -65,12 +65,12 @@ def view(
         known = shell.how(layout, axes, pitch, person, confidence)
         loaded = shown.load(files, human, robot, rate, joints, degrees, known)
         try:
-            from s3le.viewer.page import Page
+            from s3le.show.viewer.page import Page
         except ModuleNotFoundError as error:
             raise FilmError(f"the viewer needs {error.name}: pip install 's3le[view]'") from None
-        from s3le.scene import motion
+        from s3le.show import motions
 
-        times = motion.moments(loaded.motions, DENSEST, begin, end)
+        times = motions.moments(loaded.motions, DENSEST, begin, end)
         with shell.bar(len(times) * len(loaded.motions), "measuring", "moments") as progress:
             page = Page(loaded.motions, loaded.human, times, host, port, progress, meshes)
         typer.echo(f"{page.address}  (Ctrl-C ends it)")

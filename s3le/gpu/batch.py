@@ -22,8 +22,9 @@ from s3le.gpu import distance, kinematics
 from s3le.gpu.chain import Solid, put
 from s3le.gpu.fuse import fusing
 from s3le.gpu.project import project as project_rows
-from s3le.kernels.batch import Progress, Projection
-from s3le.kernels.chain import Chain
+from s3le.kernels.batch import Projection
+from s3le.robot.chain import Chain
+from s3le.types import Progress
 
 # Rows of a chunk: enough to fill a large GPU while the last hard rows of a projection are few
 # beside the rest; on a CPU what stays near the cache.

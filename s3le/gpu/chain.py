@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from s3le.errors import ParameterError
-from s3le.kernels.chain import Chain
+from s3le.robot.chain import Chain
 
 
 class Level(NamedTuple):

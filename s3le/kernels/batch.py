@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.kernels.chain import Chain
 from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import nearest_on_segments, place_capsules, reach
 from s3le.kernels.kinematics import bones, place
 from s3le.kernels.solver import blend, clearance_of, minimise, restore
 from s3le.kernels.threads import workers
+from s3le.robot.chain import Chain
 from s3le.skeleton import POINTS
+from s3le.types import Progress
 
-Progress = Callable[[int], object]
 CHUNK = 256  # rows a worker takes at a time
 
 SAME, SOLVED, FALLBACK = 0, 1, 2  # how a projection came about

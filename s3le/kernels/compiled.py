@@ -18,11 +18,13 @@ from numba import config, njit
 from numba.core.caching import UserProvidedCacheLocator
 
 _HERE = Path(__file__).parent
+_ROOMS = ("kernels", "safety", "search", "retarget", "show")  # where functions are compiled
 
 
 def key() -> str:
-    """Hash of the text of all kernels."""
-    texts = [path.read_bytes() for path in sorted(_HERE.glob("*.py"))]
+    """Hash of the text of every file that holds compiled functions."""
+    files = sorted(path for room in _ROOMS for path in (_HERE.parent / room).glob("*.py"))
+    texts = [text for text in (path.read_bytes() for path in files) if b"@compiled" in text]
     return hashlib.sha256(b"\0".join(texts)).hexdigest()[:16]
 
 

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import RobotError
-from s3le.kernels import batch, chain
+from s3le.kernels import batch
+from s3le.robot import chain, sense
 from s3le.robot import pairs as rules
-from s3le.robot import sense
 from s3le.robot.model import Robot
 from s3le.skeleton import BONES, DIM
 

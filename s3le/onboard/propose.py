@@ -13,11 +13,11 @@ import pinocchio as pin
 
 from s3le import machine
 from s3le.errors import RobotError
-from s3le.files import replace
 from s3le.onboard import anchor, bodies, hulls, limbs, source
 from s3le.onboard.tree import Tree
 from s3le.robot import model, sense, srdf
 from s3le.robot.description import MAPPED
+from s3le.store.atomic import replace
 
 TURNED = 0.01  # chord of a unit vector; a joint that moves none farther drops out
 SPEED = np.pi  # [rad/s] where the URDF names no limit that can be one

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from s3le.report import style
+from s3le.show import style
 
 _TALLEST = 22  # groups in one column before the chart takes a second one
 _COLUMNS = 3  # at most

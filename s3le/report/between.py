@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from s3le.methods import ENTRIES
+from s3le.learn.methods import ENTRIES
 from s3le.report import cells, html
 from s3le.report.html import Html, paragraph, tag, words
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from s3le.report import style
+from s3le.show import style
 
 TERMS = {  # key in a history: (words, colour, line)
     "recon_x": ("skeletons rebuilt", "#0072B2", "-"),

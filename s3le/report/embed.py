@@ -8,8 +8,8 @@ from typing import NamedTuple
 from PIL import Image
 
 from s3le.errors import FilmError
-from s3le.report import svg
 from s3le.report.html import Html, scrolled, tag
+from s3le.show import svg
 
 WIDEST = 1800  # [pixels]; twice what a page gives a picture, for fine screens
 _LARGEST, _MOST = 20 * 2**20, 40_000_000  # [bytes], [pixels] of a picture that is read

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from s3le.report import style
+from s3le.show import style
 
 SEARCHES = {"exact": ("looking at all", "-"), "walk": ("walk over a graph", "--")}
 SPACES = {"s3le": ("S3LE's latents", "s3le"), "skeleton": ("skeletons", "lwl2")}

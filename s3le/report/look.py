@@ -1,6 +1,6 @@
 """How the page looks: one style sheet for light, dark, narrow screens and paper."""
 
-from s3le.report import svg
+from s3le.show import svg
 
 _SHEET = """
 :root { color-scheme: light dark; --back: #fbfaf8; --paper: #ffffff; --ink: #222222;

@@ -4,9 +4,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from s3le.report import cells, html, style
+from s3le.report import cells, html
 from s3le.report.curves import TERMS
 from s3le.report.html import Html, paragraph, tag, words
+from s3le.show import style
 
 _CAUSES = (
     ("dropped_tilt", "torso tilted too far"),

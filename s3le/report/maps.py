@@ -17,7 +17,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patheffects import Normal, Stroke
 
 from s3le.errors import ParameterError
-from s3le.report import style
+from s3le.show import style
 
 # Of the corners (0, 0), (1, 0), (0, 1), (1, 1) of Feasible X; between them colours are mixed. The
 # last one is the colour of a quarter of Relaxed X, the two before it end the other edges on which

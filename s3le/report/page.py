@@ -9,8 +9,9 @@ runs no program, which its own policy has the browser enforce.
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from s3le.report import cells, embed, html, look, made, parameters, records, results, style
+from s3le.report import cells, embed, html, look, made, parameters, records, results
 from s3le.report.html import Html, join, paragraph, tag, words
+from s3le.show import style
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 

@@ -4,10 +4,10 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from s3le import plain_yaml
 from s3le.errors import ParameterError
 from s3le.report import html
 from s3le.report.html import Html, words
+from s3le.store import yaml
 
 _LINE = re.compile(r"( *)([A-Za-z_]\w*):((?:'[^']*'|\"[^\"]*\"|[^#'\"])*)(?:#\s*(.*))?")
 _MORE = re.compile(r" +#\s*(.*)")
@@ -28,7 +28,7 @@ def read(path: Path) -> list[Parameter]:
         ParameterError: missing, too long, not YAML, or no mapping.
     """
     try:
-        tree, text = plain_yaml.mapping(path, "parameters", ParameterError)
+        tree, text = yaml.mapping(path, "parameters", ParameterError)
     except FileNotFoundError:
         raise ParameterError(f"{path} is missing here; run from the project's folder") from None
     beside = _sentences(text)

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from s3le.methods import ENTRIES
-from s3le.methods import label as label_of
-from s3le.report import between, cells, html, style
+from s3le.learn.methods import ENTRIES
+from s3le.learn.methods import label as label_of
+from s3le.report import between, cells, html
 from s3le.report.html import Html, join, paragraph, tag, words
+from s3le.show import style
 
 # All of whose poses were checked: stored ones, and those of certified motions.
 _CHECKED = tuple(key for key, entry in ENTRIES.items() if entry.pool or entry.online)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s3le.report import solid, style
+from s3le.show import solid, style
 
 _SCALE = 420.0  # pixels per metre
 _COLOURS = {"trunk": "#9aa5b1", "right": "#D55E00", "left": "#0072B2"}

@@ -86,7 +86,7 @@ def read(path: Path, robot: str | None = None) -> Networks:
     """The networks of a model file that retargeting uses, and its note.
 
     Args:
-        path: file written by s3le.artifact.
+        path: file written by s3le.learn.artifact.
         robot: tag of the robot that it must be of; None accepts all.
 
     Raises:

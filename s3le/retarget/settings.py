@@ -5,9 +5,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.kernels.refine import Rule
 from s3le.machine import Machine
-from s3le.segments import BUDGET
+from s3le.retarget.refine import Rule
+from s3le.safety.paths import BUDGET
 
 RANGES = {  # field -> (least, most), both allowed
     "k": (1, 1000),

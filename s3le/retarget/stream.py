@@ -15,14 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
-from s3le.kernels import batch, guard, segment
-from s3le.kernels.calm import calm, directions, middle
-from s3le.kernels.refine import LOOKUP, NOTHING
-from s3le.kernels.swept import swept
+from s3le.kernels import batch
 from s3le.machine import Machine
+from s3le.retarget import guard
+from s3le.retarget.calm import calm, directions, middle
 from s3le.retarget.mode import Mode
-from s3le.retarget.retrieval import Proposer
+from s3le.retarget.propose import Proposer
+from s3le.retarget.refine import LOOKUP, NOTHING
 from s3le.retarget.settings import Settings
+from s3le.safety import segment
+from s3le.safety.swept import swept
 from s3le.skeleton import BONES, DIM
 
 SHORTEST = 1e-6  # [s], in less time nothing moves
@@ -203,7 +205,7 @@ class Retargeter:
     """
 
     def __init__(self, machine: Machine, proposer: Proposer, settings: Settings) -> None:
-        """Join the parts; `s3le.retarget.bundle.load` does it from a folder.
+        """Join the parts; `s3le.retarget.exported.load` does it from a folder.
 
         Raises:
             ParameterError: settings do not fit the robot.
@@ -218,10 +220,10 @@ class Retargeter:
 
     @staticmethod
     def load(folder: Path, changed: Mapping[str, object] | None = None) -> "Retargeter":
-        """The retargeter that stage `export` wrote to a folder; see s3le.retarget.bundle.load."""
-        from s3le.retarget import bundle  # it imports this module
+        """The retargeter that stage `export` wrote to a folder; see s3le.retarget.exported.load."""
+        from s3le.retarget import exported  # it imports this module
 
-        return bundle.load(folder, changed)
+        return exported.load(folder, changed)
 
     def warm_up(self) -> None:
         """Compile what a frame needs, or read it from the store, so that no frame waits for it.

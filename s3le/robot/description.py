@@ -9,8 +9,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from s3le import plain_yaml
 from s3le.errors import RobotError
+from s3le.store import yaml
 
 MAPPED = (
     "hip",
@@ -131,7 +131,7 @@ def read_description(path: Path) -> Description:
     )
 
 
-def read_mapping(path: Path, wanted: str, largest: int = plain_yaml.LARGEST) -> dict:
+def read_mapping(path: Path, wanted: str, largest: int = yaml.LARGEST) -> dict:
     """A YAML file that holds one mapping.
 
     Args:
@@ -143,7 +143,7 @@ def read_mapping(path: Path, wanted: str, largest: int = plain_yaml.LARGEST) -> 
         RobotError: the file is missing, too long, not YAML, uses aliases, or holds something else.
     """
     try:
-        return plain_yaml.mapping(path, wanted, RobotError, largest)[0]
+        return yaml.mapping(path, wanted, RobotError, largest)[0]
     except FileNotFoundError:
         known = ", ".join(sorted(p.stem for p in path.parent.glob("*.yaml"))) or "none"
         raise RobotError(f"{path} does not exist; robots here: {known}") from None

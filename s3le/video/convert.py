@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from s3le.errors import ParameterError, VideoError
-from s3le.mocap import points_parquet
-from s3le.mocap.clip import check_rate
+from s3le.human import points_parquet
+from s3le.human.clip import check_rate
 from s3le.video import track
 from s3le.video.decode import Video
 from s3le.video.estimator import Estimator

@@ -1,0 +1,330 @@
+"""The joints in what an estimator's file holds, whatever its keys are called.
+
+Keys are those of the estimators' own files and of common dumps of them. What is found is named,
+so that a person can see it; several candidates, or none, refuse the file and list its keys.
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from s3le.human.keypoints import layouts, smpl
+from s3le.human.keypoints.how import How
+from s3le.human.keypoints.values import SEEN, number, numbers, turned
+from s3le.human.text import listed, refusal
+
+PLACES = (  # keys of joints' places, without _ and -; the first that is there
+    "world", "worldlandmarks", "poseworldlandmarks", "joints3d", "smpljoints", "kp3d",
+    "keypoints3d", "pose3d", "poses3d", "posekeypoints3d", "jointpositions", "positions",
+    "joints", "keypoints", "skeleton", "skeletons", "landmarks", "xyz", "coordinates",
+)  # fmt: skip
+RATES = ("fps", "framerate", "mocapframerate", "mocapframe_rate", "rate", "hz")
+TIMES = ("time", "times", "timestamp", "timestamps", "t")
+_CONFIDENCE = (*SEEN, "visibilities", "scores", "confidences", "kpscore", "keypointscores")
+_FRAMES = ("frames", "data", "results", "sequence")
+_NAMES = ("jointnames", "names", "keypointnames", "joint_names", "landmarknames")
+_POSES = (  # (rotation of the root, of the others, place): of SMPL, axis times angle
+    ("smplorientworld", "smplpose", "roottransworld"),
+    ("smplorientcam", "smplpose", "roottranscam"),
+    ("globalorient", "bodypose", "transl"),
+    ("", "poses", "trans"),
+    ("", "smplthetas", ""),
+    ("", "thetas", ""),
+    ("", "fullpose", "trans"),
+)
+_WHOLE = re.compile(r"[0-9]{1,9}")  # the number of a person
+LIFT = "retargeting needs 3D; lift them first, or take an estimator of 3D"
+
+
+class Found(NamedTuple):
+    """The joints of one person, in the file's own axes and unit."""
+
+    joints: np.ndarray  # (n, j, 3), NaN where unknown
+    names: tuple[str, ...] | None
+    confidence: np.ndarray | None  # (n, j)
+    fps: float | None  # [Hz]
+    time: np.ndarray | None  # [s], (n,)
+    what: str  # for people
+    layout: str | None = None  # known from the key
+    person: int | None = None
+    axes: str | None = None  # known from the format
+
+
+def find(path: Path | str, tree: Any, how: How) -> Found:
+    """The joints of one person in what a file holds.
+
+    Args:
+        path: for messages.
+        tree: arrays, lists and dicts.
+        how: which person.
+
+    Raises:
+        ClipError: no joints, more than one candidate, only 2D, several persons and none chosen.
+    """
+    tree = turned(tree)
+    if not isinstance(tree, Mapping):
+        return _of_array(path, tree, "its array", how)
+    keys = {_key(key): key for key in tree}
+    for name in _FRAMES:
+        inner = tree.get(keys.get(name))
+        if isinstance(inner, (list, Mapping)) and not _places(keys):
+            found = find(path, inner, how)
+            return found._replace(fps=found.fps or _rate(tree, keys))
+    if "people" in keys:
+        return _people(path, tree, how)
+    if "persondata" in keys:
+        tree = tree[keys["persondata"]]
+        if not isinstance(tree, Mapping):
+            raise refusal(path, None, "its person_data are no dict of persons")
+        keys = {_key(key): key for key in tree}
+    if keys and all(_WHOLE.fullmatch(key) for key in keys) and all(
+        isinstance(value, (Mapping, list)) for value in tree.values()
+    ):
+        person, chosen = choose(path, sorted(tree, key=lambda k: int(_key(k))), how)
+        return find(path, tree[chosen], how._replace(person=None))._replace(person=person)
+    return _of_keys(path, tree, keys, how)
+
+
+def _of_keys(path: Path | str, tree: Mapping, keys: dict[str, Any], how: How) -> Found:
+    confidence, taken = None, None
+    found = _places(keys)
+    if found:
+        taken = keys[found]
+        inner = turned(tree[taken])
+        if isinstance(inner, Mapping):
+            base = find(path, dict(inner), how)
+        else:
+            image_only = "trackids" in keys or "centerconfs" in keys
+            base = _of_array(path, inner, f"'{taken}'", how, persons_first=image_only)
+        for name in _CONFIDENCE:
+            if base.confidence is None and name in keys:
+                confidence = numbers(path, tree[keys[name]], f"'{keys[name]}'")
+                if confidence is not None and confidence.shape == base.joints.shape[:2]:
+                    base = base._replace(confidence=confidence)
+    else:
+        base = _posed(path, tree, keys) or _named(path, tree)
+        if base is None:
+            base = _only(path, tree, how)
+    for name in _NAMES:
+        given = tree.get(keys.get(name))
+        given = given.tolist() if isinstance(given, np.ndarray) else given
+        if isinstance(given, list) and len(given) == base.joints.shape[1] and base.names is None:
+            if all(isinstance(word, str) for word in given):
+                base = base._replace(names=tuple(given))
+    base = base._replace(fps=base.fps or _rate(tree, keys))
+    for name in TIMES:
+        if base.time is None and base.fps is None and name in keys:
+            time = numbers(path, tree[keys[name]], f"'{keys[name]}'")
+            if time is not None and time.shape == base.joints.shape[:1]:
+                base = base._replace(time=time)
+    return base
+
+
+def choose(path: Path | str, there: list[Any], how: How) -> tuple[int | None, Any]:
+    """One of several persons, and its number where that had to be chosen.
+
+    Raises:
+        ClipError: there are several and none was chosen, or the chosen one is not there.
+    """
+    numbered = [int(str(k)) if _WHOLE.fullmatch(str(k)) else i for i, k in enumerate(there)]
+    if how.person is None:
+        if len(there) == 1:
+            return None, there[0]
+        seen = listed(map(str, sorted(numbered)))
+        raise refusal(path, None, f"holds {len(there)} persons ({seen}); choose one: --person N")
+    if how.person in numbered:
+        return how.person, there[numbered.index(how.person)]
+    seen = listed(map(str, sorted(numbered)))
+    raise refusal(path, None, f"holds no person {how.person}; there: {seen}")
+
+
+def _key(key: Any) -> str:
+    return str(key).lower().replace("_", "").replace("-", "").replace(" ", "")
+
+
+def _places(keys: Mapping[str, Any]) -> str | None:
+    return next((name for name in PLACES if name in keys), None)
+
+
+def _rate(tree: Mapping, keys: Mapping[str, Any]) -> float | None:
+    rates = (number(tree[keys[_key(name)]]) for name in RATES if _key(name) in keys)
+    return next((rate for rate in rates if rate), None)
+
+
+def _of_array(
+    path: Path | str, value: Any, what: str, how: How, persons_first: bool = False
+) -> Found:
+    """Joints of an array: frames, persons where there are, joints, x y z and confidence."""
+    array = numbers(path, value, what)
+    if array is None:
+        raise refusal(path, None, f"{what} holds no joints: {_shape(value)}")
+    person = None
+    if array.ndim == 1:
+        array = array[None]
+    if array.ndim == 2 and array.shape[1] in (2, 3, 4, 5) and array.shape[0] in layouts.SIZES:
+        array = array[None]  # joints of one frame
+    if array.ndim == 2:
+        array = _split(path, array, what, how)
+    if persons_first and array.ndim == 3:
+        array = array[None]
+    if array.ndim == 4:
+        person, at = choose(path, list(range(array.shape[1])), how)
+        array = array[:, at]
+    if array.ndim != 3 or not len(array) or array.shape[2] not in (2, 3, 4, 5):
+        raise refusal(
+            path, None,
+            f"{what} is of shape {array.shape}, wanted (frames, joints, 3), with a fourth number "
+            "where there is confidence",
+        )  # fmt: skip
+    if array.shape[2] == 2:
+        raise refusal(path, None, f"{what} is 2D, {array.shape}; {LIFT}")
+    refuse_flat(path, array, what)
+    confidence = array[..., 3] if array.shape[2] > 3 else None
+    return Found(array[..., :3], None, confidence, None, None, what, None, person)
+
+
+def _split(path: Path | str, array: np.ndarray, what: str, how: How) -> np.ndarray:
+    """Rows of numbers as joints, where their count leaves one way only."""
+    sizes = layouts.SIZES if how.layout is None else layouts.LAYOUTS[how.layout].sizes
+    ways = [(n, k) for n in sizes for k in (3, 4) if n * k == array.shape[1]]
+    if len(ways) != 1:
+        known = ", ".join(map(str, sizes))
+        raise refusal(
+            path, None,
+            f"{what} has {array.shape[1]} numbers a frame, wanted 3 or 4 for each of {known} "
+            "joints; with --layout, of that layout's" + " (several fit)" * (len(ways) > 1),
+        )  # fmt: skip
+    return array.reshape(len(array), *ways[0])
+
+
+def refuse_flat(path: Path | str, array: np.ndarray, what: str) -> None:
+    """Refuse what looks like x, y and confidence, or has no depth, (n, j, at least 3).
+
+    Raises:
+        ClipError: so it looks.
+    """
+    seen = array[np.isfinite(array).all(axis=2)]
+    if not len(seen):
+        raise refusal(path, None, f"{what} has no joint that is known")
+    x, y, z = seen[:, 0], seen[:, 1], seen[:, 2]
+    third_is_share = z.min() >= 0.0 and z.max() <= 1.0
+    wide = max(np.ptp(x), np.ptp(y))
+    inside = min(x.min(), y.min()) >= 0.0 and max(x.max(), y.max()) <= 1.0
+    if len(seen) > 1 and (np.ptp(z) == 0.0 or (third_is_share and (wide > 20.0 or inside))):
+        raise refusal(path, None, f"{what} looks like 2D with confidence; {LIFT}")
+
+
+def _posed(path: Path | str, tree: Mapping, keys: Mapping[str, Any]) -> Found | None:
+    """Joints of SMPL's rotations, where a file has them."""
+    for root, others, place in _POSES:
+        if others not in keys or (root and root not in keys):
+            continue
+        pose = numbers(path, tree[keys[others]], f"'{keys[others]}'")
+        if root and pose is not None:
+            turn = numbers(path, tree[keys[root]], f"'{keys[root]}'")
+            if turn is None or len(turn) != len(pose) or turn[0].size != 3:
+                continue
+            pose = np.concatenate([turn.reshape(-1, 3), pose.reshape(len(pose), -1)], axis=1)
+        if pose is None or pose.ndim < 2 or pose[0].size < 3 * smpl.COUNT:
+            continue
+        at = numbers(path, tree[keys[place]], f"'{keys[place]}'") if place in keys else None
+        at = None if at is None or at.shape != (len(pose), 3) else at
+        if not np.abs(pose[np.isfinite(pose)]).max(initial=0.0) < 1e3:
+            raise refusal(path, None, f"'{keys[others]}' turns a joint by more than 1000 rad")
+        pose = pose.reshape(len(pose), -1)
+        names = f"'{keys[root]}' and '{keys[others]}'" if root else f"'{keys[others]}'"
+        what = f"SMPL's rotations {names}"
+        return Found(smpl.joints(pose, at), None, None, None, None, what, "smpl")
+    return None
+
+
+def _named(path: Path | str, tree: Mapping) -> Found | None:
+    """Joints that each have a key of their own."""
+    names = [key for key in tree if isinstance(key, str)]
+    named = layouts.by_names(names)
+    if named.missing:
+        return None
+    used = sorted({j for own in named.layout.points for j in own} | set(named.layout.legs))
+    places = {}
+    for j in used:
+        table = numbers(path, tree[names[j]], f"joint {names[j]!r}")
+        if table is None or table.ndim > 2 or table.shape[-1] not in (2, 3, 4, 5):
+            return None
+        places[names[j]] = np.atleast_2d(table)
+    shapes = {table.shape for table in places.values()}
+    if len(shapes) != 1:
+        raise refusal(path, None, f"joints of unequal shapes: {listed(map(str, sorted(shapes)))}")
+    array = np.stack(list(places.values()), axis=1)
+    if array.shape[2] == 2:
+        raise refusal(path, None, f"its joints are 2D; {LIFT}")
+    refuse_flat(path, array, "its joints")
+    confidence = array[..., 3] if array.shape[2] > 3 else None
+    return Found(array[..., :3], tuple(places), confidence, None, None, "named joints")
+
+
+def _only(path: Path | str, tree: Mapping, how: How) -> Found:
+    """The only array that can be joints."""
+    able = []
+    for key, value in tree.items():
+        array = numbers(path, value, f"'{key}'") if isinstance(value, np.ndarray) else None
+        if array is not None and array.ndim in (3, 4) and array.shape[-1] in (3, 4):
+            if array.shape[-2] in layouts.SIZES or how.layout:
+                able.append((key, array))
+    if len(able) == 1:
+        return _of_array(path, able[0][1], f"'{able[0][0]}'", how)
+    keys = ", ".join(f"{str(key)[:40]} {_shape(value)}" for key, value in list(tree.items())[:40])
+    flat = any("2d" in _key(key) for key in tree)
+    why = "more than one array that may be joints" if able else "no joints that are known here"
+    raise refusal(
+        path, None,
+        f"holds {why} ({keys})" + (f"; of 2D keypoints: {LIFT}" if flat else "")
+        + f"; call them one of {', '.join(PLACES[:3])}, joints, keypoints3d",
+    )  # fmt: skip
+
+
+def _shape(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return str(value.shape)
+    return f"{len(value)} values" if isinstance(value, (list, Mapping)) else type(value).__name__
+
+
+def _people(path: Path | str, tree: Mapping, how: How) -> Found:
+    """OpenPose's JSON, of one frame, or of several that were put one after the other."""
+    people = tree["people"]
+    several = isinstance(people, list) and people and all(isinstance(p, list) for p in people)
+    frames = people if several else [people]
+    return openpose(path, frames, how)
+
+
+def openpose(path: Path | str, frames: list[Any], how: How) -> Found:
+    """Frames of OpenPose, each a list of people; null for a frame that is not there.
+
+    Raises:
+        ClipError: 2D only, several people and none chosen, or damage.
+    """
+    rows: list[Any] = []
+    most = max((len(p) for p in frames if isinstance(p, list)), default=0)
+    if not most:
+        raise refusal(path, None, "nobody is in any of its frames")
+    person, at = choose(path, list(range(most)), how)
+    for people in frames:
+        one = people[at] if isinstance(people, list) and len(people) > at else None
+        given = one.get("pose_keypoints_3d") if isinstance(one, Mapping) else None
+        if isinstance(one, Mapping) and not given:
+            flat = len(one.get("pose_keypoints_2d") or ())
+            if flat:
+                why = f"its pose_keypoints_3d are empty, pose_keypoints_2d are not; {LIFT}"
+                raise refusal(path, None, why)
+        rows.append(given or None)
+    if not any(rows):
+        raise refusal(path, None, "no frame has pose_keypoints_3d")
+    table = numbers(path, rows, "pose_keypoints_3d")
+    if table is None or table.ndim != 2 or table.shape[1] % 4:
+        raise refusal(path, None, "pose_keypoints_3d must be x, y, z and confidence of each joint")
+    array = table.reshape(len(rows), -1, 4)
+    return Found(
+        array[..., :3], None, array[..., 3], None, None, "pose_keypoints_3d", None, person
+    )

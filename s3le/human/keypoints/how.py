@@ -1,0 +1,71 @@
+"""How keypoints are to be read where a file does not say: which joint is which, which way is up."""
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any, NamedTuple
+
+from s3le.errors import ParameterError
+from s3le.human.keypoints.layouts import LAYOUTS
+
+AXES = ("camera", "y-up", "z-up")
+STEEPEST = 89.0  # [deg] of a camera's tilt
+CONFIDENCE = 0.1  # a joint seen with less is not used; hidden arms have some, absent ones none
+_PREFIX = "clip_read_"  # of the keys of a motion file
+
+
+class How(NamedTuple):
+    """What a person says about a file of keypoints; None: look at the data, and say what it was.
+
+    Attributes:
+        layout: one of layouts.LAYOUTS.
+        axes: one of AXES; camera is x right, y down, z away.
+        pitch: how far the camera looks down [deg]; up is negative. For camera axes only.
+        person: which of several, as numbered by the file.
+        confidence: least confidence of the joints of a frame that is used, in [0, 1].
+    """
+
+    layout: str | None = None
+    axes: str | None = None
+    pitch: float | None = None
+    person: int | None = None
+    confidence: float | None = None
+
+    def check(self) -> "How":
+        """Itself.
+
+        Raises:
+            ParameterError: a value out of its range.
+        """
+        if self.layout is not None and self.layout not in LAYOUTS:
+            raise ParameterError(f"--layout {self.layout}: wanted one of {', '.join(LAYOUTS)}")
+        if self.axes is not None and self.axes not in AXES:
+            raise ParameterError(f"--axes {self.axes}: wanted one of {', '.join(AXES)}")
+        if self.pitch is not None and not abs(self.pitch) <= STEEPEST:
+            raise ParameterError(
+                f"--pitch must be from -{STEEPEST:g} to {STEEPEST:g} degrees, got {self.pitch!r}"
+            )
+        if self.pitch is not None and self.axes not in (None, "camera"):
+            raise ParameterError(f"--pitch is a camera's; with --axes {self.axes} there is none")
+        if self.confidence is not None and not 0.0 <= self.confidence <= 1.0:
+            raise ParameterError(f"--confidence must be from 0 to 1, got {self.confidence!r}")
+        return self
+
+    def about(self) -> dict[str, Any]:
+        """As words for a motion file, so that who looks at it later reads the clip alike."""
+        return {f"{_PREFIX}{k}": v for k, v in self._asdict().items() if v is not None}
+
+
+def recorded(about: Mapping[str, Any]) -> How:
+    """What a motion file says of how its clip was read; what makes no sense is left out."""
+    how = How()
+    for name in How._fields:
+        value = about.get(f"{_PREFIX}{name}")
+        try:
+            if name in ("pitch", "confidence", "person"):
+                value = float(value)
+                value = value if isfinite(value) else None
+                value = int(value) if name == "person" and value is not None else value
+            how = how._replace(**{name: value}).check()
+        except (TypeError, ValueError, ParameterError):
+            how = how._replace(**{name: None})
+    return how

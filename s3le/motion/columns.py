@@ -1,0 +1,151 @@
+"""What the columns or arrays of a file mean, whoever wrote it.
+
+Ours are `time`, one per joint, `heading`, `clearance`, `mode`. Others call the time `t` or give a
+rate, and keep all joints in one array beside a list of names, behind a root's position and
+quaternion.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from s3le.errors import TrajectoryError
+from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, make, times
+
+TIMES = (TIME, "times", "t", "timestamp", "timestamps", "time_s")
+RATES = ("fps", "rate", "frame_rate", "framerate", "frequency", "hz", "mocap_framerate")
+STEPS = ("dt", "timestep", "time_step")
+ANGLES = ("q", "qpos", "dof_pos", "dof_position", "joint_pos", "joint_positions", "joint_position")
+NAMES = ("joint_names", "dof_names", "joints", "names")
+NUMBERING = ("", "frame", "index", "row", "unnamed: 0")
+ROOT = 7  # numbers of a free base in front of the joints: position and quaternion
+
+Found = tuple[str, np.ndarray] | None
+
+
+def interpret(
+    name: str,
+    table: Mapping[str, np.ndarray],
+    fps: float | None = None,
+    joints: Sequence[str] | None = None,
+    about: Mapping[str, Any] | None = None,
+    first: int = 0,
+    row_is: str = "row",
+) -> Trajectory:
+    """A trajectory from named arrays.
+
+    Args:
+        name: of the file, for messages.
+        table: scalars, strings and arrays by name; each column of joints (n,), or all of them in
+            one array (n, width) under one of ANGLES.
+        fps: rows per second [Hz], instead of what the file says.
+        joints: names of the array's columns, instead of what the file says.
+        about, first, row_is: see trajectory.make.
+
+    Raises:
+        TrajectoryError: no angles, no names for them, no time or rate, or what make refuses.
+    """
+    found, of_joints = _angles(name, table), _named(name, table, joints)
+    if found:
+        key, q = found
+        names, q = _columns(name, key, q, of_joints)
+    else:
+        skip = {*TIMES, *RATES, *STEPS, *NUMBERING, *NAMES, HEADING, CLEARANCE, MODE}
+        names = [key for key in table if key.lower() not in skip]
+        if not names:
+            raise TrajectoryError(f"{name}: has no column of a joint; it has: {_list(table)}")
+        for key in names:
+            if np.ndim(table[key]) != 1:
+                raise TrajectoryError(
+                    f"{name}: '{key}' has shape {np.shape(table[key])}; wanted one number a row, "
+                    f"or all joints in one array called {', '.join(ANGLES)}"
+                )
+        lengths = {key: len(table[key]) for key in names}
+        if len(set(lengths.values())) > 1:
+            raise TrajectoryError(f"{name}: columns are of different lengths, {lengths}"[:300])
+        q = np.stack([_numbers(name, key, table[key]) for key in names], axis=1)
+    clearance, mode = _find(table, (CLEARANCE,)), _find(table, (MODE,))
+    if (heading := _find(table, (HEADING,))) is not None:
+        heading = _numbers(name, *heading)
+    if clearance is not None:
+        clearance = _numbers(name, *clearance)
+    if mode is not None:
+        mode = mode[1].astype(str) if mode[1].dtype.kind in "UT" else None
+    time = _time(name, table, len(q), fps)
+    return make(name, names, time, q, clearance, mode, about, first, row_is, heading)
+
+
+def _angles(name: str, table: Mapping[str, np.ndarray]) -> Found:
+    """The one array that holds all joints, if there is one."""
+    there = [(key, table[key]) for key in table if key.lower() in ANGLES]
+    there = [(key, value) for key, value in there if np.ndim(value) == 2]
+    if len(there) > 1:
+        keys = ", ".join(key for key, _ in there)
+        raise TrajectoryError(f"{name}: which of {keys} holds the joints? keep one of them")
+    return (there[0][0], _numbers(name, *there[0])) if there else None
+
+
+def _named(
+    name: str, table: Mapping[str, np.ndarray], joints: Sequence[str] | None
+) -> list[str] | None:
+    if joints is not None:
+        return list(joints)
+    found = _find(table, NAMES)
+    if found is None:
+        return None
+    key, value = found
+    if np.ndim(value) != 1 or value.dtype.kind not in "UT":
+        raise TrajectoryError(f"{name}: {key} must be a list of words, not {value.dtype}")
+    return [str(word) for word in value]
+
+
+def _columns(
+    name: str, key: str, q: np.ndarray, joints: list[str] | None
+) -> tuple[list[str], np.ndarray]:
+    """Names for the columns of an array, without those of a free base in front."""
+    if joints is None:
+        raise TrajectoryError(
+            f"{name}: {key} has {q.shape[1]} columns without names; "
+            "give them in order with --joints NAME,NAME,... or a file with one name a line"
+        )
+    if q.shape[1] == len(joints) + ROOT:
+        return joints, q[:, ROOT:]
+    if q.shape[1] == len(joints) + ROOT - 1:  # the base counts as one joint of seven numbers
+        return joints[1:], q[:, ROOT:]
+    if q.shape[1] != len(joints):
+        raise TrajectoryError(f"{name}: {key} has {q.shape[1]} columns for {len(joints)} joints")
+    return joints, q
+
+
+def _time(name: str, table: Mapping[str, np.ndarray], rows: int, fps: float | None) -> np.ndarray:
+    if fps is not None:
+        return times(rows, fps, name)
+    if found := _find(table, TIMES):
+        return _numbers(name, *found)
+    for keys, power in ((RATES, 1), (STEPS, -1)):
+        if found := _find(table, keys):
+            value = _numbers(name, *found).ravel()
+            if not len(value) or not (value == value[0]).all() or not value[0] > 0:
+                raise TrajectoryError(f"{name}: {found[0]} must be one positive number")
+            return times(rows, float(value[0]) ** power, name)
+    raise TrajectoryError(
+        f"{name}: says neither time nor rate (a column {TIME} [s], or {RATES[0]}); "
+        "give the rate with --fps"
+    )
+
+
+def _find(table: Mapping[str, np.ndarray], keys: Sequence[str]) -> Found:
+    """The first of some names, in any case, that the table has."""
+    lower = {key.lower(): key for key in table}
+    return next(((lower[key], table[lower[key]]) for key in keys if key in lower), None)
+
+
+def _numbers(name: str, key: str, values: np.ndarray) -> np.ndarray:
+    if np.asarray(values).dtype.kind not in "fiu":
+        raise TrajectoryError(f"{name}: '{key}' holds no numbers but {np.asarray(values).dtype}")
+    return np.asarray(values, float)
+
+
+def _list(table: Mapping[str, np.ndarray]) -> str:
+    return ", ".join(repr(key)[:40] for key in list(table)[:12]) or "nothing"

@@ -1,0 +1,146 @@
+"""Trajectories as Parquet: `time` [s], joints [rad], `heading` [rad], `clearance` [m], `mode`.
+
+The file's metadata names the robot and its hash and holds the certificate (JSON).
+"""
+
+import json
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from s3le.errors import TrajectoryError
+from s3le.motion.columns import NAMES, RATES, STEPS, interpret
+from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, unit
+
+FORMAT = "trajectory 1"
+MOST_VALUES = 500_000_000  # in one file; ten hours of ten joints at 1 kHz
+PREFIX = "s3le."
+JOINT = "position of the URDF's joint"
+
+
+def write(trajectory: Trajectory, part: Path) -> None:
+    """Write one file; the same trajectory gives the same bytes."""
+    columns = [(TIME, trajectory.time, "s", "since the file's beginning")]
+    columns += [
+        (joint, np.ascontiguousarray(trajectory.q[:, i]), unit(trajectory, joint), JOINT)
+        for i, joint in enumerate(trajectory.joints)
+    ]
+    if trajectory.heading is not None:
+        columns.append((HEADING, trajectory.heading, "rad", "yaw of the human about z, unwrapped"))
+    if trajectory.clearance is not None:
+        columns.append(
+            (CLEARANCE, trajectory.clearance, "m", "least signed distance over the watched pairs")
+        )
+    if trajectory.mode is not None:
+        columns.append((MODE, trajectory.mode, "-", "how the row was obtained"))
+    fields = [
+        pa.field(
+            name,
+            pa.string() if values.dtype.kind == "U" else pa.float64(),
+            metadata={"unit": measure, "doc": doc},
+        )
+        for name, values, measure, doc in columns
+    ]
+    about = {f"{PREFIX}{key}": _text(value) for key, value in trajectory.about.items()}
+    about |= {f"{PREFIX}format": FORMAT, f"{PREFIX}version": own_version()}
+    table = pa.table(
+        [pa.array(c[1], field.type) for c, field in zip(columns, fields, strict=True)],
+        schema=pa.schema(fields, about),
+    )
+    pq.write_table(table, part, compression="zstd")
+
+
+def own_version() -> str:
+    """Version of this package, for what it writes."""
+    try:
+        return version("s3le")
+    except PackageNotFoundError:  # run from a checkout that was never installed
+        return "unknown"
+
+
+def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Trajectory:
+    """Read ours or another tool's.
+
+    Raises:
+        TrajectoryError: no Parquet, damaged, more than MOST_VALUES, or what interpret refuses.
+    """
+    try:
+        with pq.ParquetFile(path) as file:
+            _check_size(path, file.metadata)
+            table = file.read(use_pandas_metadata=False)
+    except (pa.ArrowException, OSError) as error:
+        reason = (str(error).splitlines() or ["damaged"])[0][:160]
+        raise TrajectoryError(f"{path}: is no sound Parquet ({reason})") from None
+    if len(set(table.column_names)) < table.num_columns:
+        twice = next(n for n in table.column_names if table.column_names.count(n) > 1)
+        raise TrajectoryError(f"{path}: column '{twice}' occurs twice")
+    if not table.num_rows:
+        raise TrajectoryError(f"{path}: holds no rows")
+    about = _about(table.schema.metadata or {})
+    columns = {name: _column(path, name, table[name]) for name in table.column_names}
+    for key in (*RATES, *STEPS):
+        if isinstance(about.get(key), int | float) and key not in columns:
+            columns[key] = np.array(about[key], float)
+    for key in NAMES:
+        if isinstance(about.get(key), list) and key not in columns:
+            columns[key] = np.array([str(word) for word in about[key]])
+    return interpret(str(path), columns, fps, joints, about)
+
+
+def _check_size(path: Path, meta: pq.FileMetaData) -> None:
+    groups = (meta.row_group(i) for i in range(meta.num_row_groups))
+    values = sum(g.column(j).num_values for g in groups for j in range(g.num_columns))
+    if max(values, meta.num_rows * meta.num_columns) > MOST_VALUES:
+        raise TrajectoryError(f"{path}: holds more than {MOST_VALUES} numbers")
+
+
+def _column(path: Path, name: str, column: pa.ChunkedArray) -> np.ndarray:
+    kind = column.type
+    if column.null_count:
+        row = next(i for i, item in enumerate(column) if not item.is_valid)
+        raise TrajectoryError(f"{path}: row {row}: {name} is missing")
+    if pa.types.is_dictionary(kind):
+        column, kind = column.cast(kind.value_type), kind.value_type
+    if pa.types.is_floating(kind) or pa.types.is_integer(kind):
+        return column.to_numpy()
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return np.array(column.to_pylist(), str)
+    if (
+        pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
+    ) and (pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type)):
+        column = column.combine_chunks()
+        flat, rows = column.flatten(), len(column)
+        even = len(flat) % rows == 0 and (np.diff(column.value_lengths()) == 0).all()
+        if not even or flat.null_count:
+            raise TrajectoryError(f"{path}: rows of '{name}' are of different lengths")
+        return flat.to_numpy(zero_copy_only=False).reshape(rows, -1)
+    raise TrajectoryError(f"{path}: column '{name}' holds {kind}, neither numbers nor words")
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, sort_keys=True)
+
+
+def _about(metadata: dict[bytes, bytes]) -> dict[str, Any]:
+    """The file's metadata: values as JSON where they are JSON, our prefix taken off."""
+    about = {}
+    for key, raw in metadata.items():
+        name, text = key.decode(errors="replace"), raw.decode(errors="replace")
+        if name == "ARROW:schema" or name == "pandas":
+            continue
+        name = name.removeprefix(PREFIX)
+        try:
+            about[name] = json.loads(text, parse_constant=str) if text[:1] in "[{" else text
+        except (ValueError, RecursionError):
+            about[name] = text
+        if name in (*RATES, *STEPS):
+            try:
+                about[name] = float(text)
+            except ValueError:
+                about[name] = text
+    return about

@@ -1,0 +1,102 @@
+"""A way around what stands between two poses: a pose or two to go by, all of it proven; compiled.
+
+Bodies block each other mostly because an arm is in the way of the other, or of the trunk. So an
+arm, or all, is opened some way towards the anchor, where everything is clear; carried, so opened,
+to the other side; and closed again. Other ways lead by the anchor itself and by poses that a
+look-up proposes. Which are tried turns from call to call: a frame has time for a few.
+"""
+
+import numpy as np
+
+from s3le.kernels.compiled import compiled
+from s3le.kernels.solver import clearance_of
+from s3le.retarget.refine import AGREEMENT, apart, inside
+from s3le.safety.segment import CERTIFIED, prove
+from s3le.skeleton import POINTS
+
+_SHARES = (0.15, 0.35, 0.7)  # of the way to the anchor that is opened
+TRIES = 4  # ways that are tried in a call
+_FARTHER = 2.5  # times as far as straight on that a way may be,
+_BEYOND = 1.5  # [rad], and this much
+_R_HAND, _L_HAND = POINTS.index("r_hand"), POINTS.index("l_hand")
+
+
+@compiled
+def opened(chain, q, anchor, group, share, out):
+    """Turn joints some way to the anchor: all (group 0), the right arm's (1), the left arm's (2).
+
+    Returns:
+        False where the group is empty.
+    """
+    right = chain.point_frame[_R_HAND]
+    left = chain.point_frame[_L_HAND]
+    some = False
+    for i in range(len(q)):
+        of_right, of_left = chain.moves[right, i], chain.moves[left, i]
+        mine = (of_right and not of_left) if group == 1 else (of_left and not of_right)
+        out[i] = q[i]
+        if group == 0 or mine:
+            some = True
+            out[i] += share * (anchor[i] - q[i])
+    return some
+
+
+@compiled
+def clear(chain, swept, rule, q):
+    """Is the pose within limits and at the margin?"""
+    return inside(q, chain.lower, chain.upper) and (
+        clearance_of(chain, swept.balls, q) >= rule.margin + AGREEMENT
+    )
+
+
+@compiled
+def seek(chain, swept, s, q, want, starts, anchor, rule, turn, way):
+    """Look for a way from q to want.
+
+    Args:
+        chain, swept, s: the robot, swept(chain) and a segment.scratch(chain) of this thread's own.
+        q, want: poses that keep the margin [rad], (n,).
+        starts: further poses to go by [rad], (k, n).
+        anchor: a pose that is clear of everything [rad], (n,).
+        rule: a refine.Rule.
+        turn: which way to try first.
+        way: receives the poses to go by [rad], (2, n), the next one last.
+
+    Returns:
+        How many poses to go by; 0: none was found.
+    """
+    n = len(q)
+    first = np.empty(n)
+    second = np.empty(n)
+    simple = 3 * len(_SHARES)
+    kinds = simple + 1 + len(starts)
+    least = _FARTHER * apart(q, want) + _BEYOND
+    found = 0
+    for attempt in range(TRIES):
+        kind = (turn + attempt) % kinds
+        if kind < simple:
+            share = _SHARES[kind // 3]
+            if not opened(chain, q, anchor, kind % 3, share, first):
+                continue
+            opened(chain, want, anchor, kind % 3, share, second)
+        elif kind == simple:
+            first[:] = anchor
+            second[:] = anchor
+        else:
+            first[:] = starts[kind - simple - 1]
+            second[:] = first
+        far = apart(q, first) + apart(first, second) + apart(second, want)
+        if not far < least or not (
+            clear(chain, swept, rule, first) and clear(chain, swept, rule, second)
+        ):
+            continue
+        if (
+            prove(chain, swept, s, q, first, rule.between, rule.budget)[0] == CERTIFIED
+            and prove(chain, swept, s, second, want, rule.between, rule.budget)[0] == CERTIFIED
+            and prove(chain, swept, s, first, second, rule.between, rule.budget)[0] == CERTIFIED
+        ):
+            least = far
+            found = 2
+            way[1] = first
+            way[0] = second
+    return found

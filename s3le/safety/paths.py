@@ -1,0 +1,154 @@
+"""The paths between poses, certified: what `certificate` is to poses, this is to motions.
+
+Between two consecutive poses the joints move straight. `certify` proves that every watched pair
+keeps `margin_between` on the whole of that path, or names a pose on it that does not, or, when its
+budget is spent, says that it does not know, which is never taken for a yes. The proof itself is
+that of kernels/segment.py. It speaks of clearance alone: that the poses keep `margin` and their
+limits is for s3le.robot.certificate, and as limits are a box, a path between two poses within them
+stays within them.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from s3le.errors import ParameterError
+from s3le.kernels.threads import workers
+from s3le.machine import Machine
+from s3le.safety import segment
+from s3le.safety.segment import CERTIFIED, COLLIDES, UNDECIDED
+from s3le.safety.swept import swept
+
+STATUS = {CERTIFIED: "certified", COLLIDES: "collides", UNDECIDED: "undecided"}
+BUDGET = 200  # poses looked at between two given ones; benchmarks/segments.py needed 23 at most
+CHUNK = 64  # segments a worker takes at a time
+
+
+class Segments(NamedTuple):
+    """What is known of the paths between consecutive poses, one entry a path."""
+
+    status: np.ndarray  # uint8 (n,), CERTIFIED, COLLIDES or UNDECIDED; only the first is a yes
+    bound: np.ndarray  # [m], (n,), proven lower bound of the clearance on the path; NaN: none
+    until: np.ndarray  # (n,), share of the path, from its start, that is proven to keep the margin
+    t: np.ndarray  # (n,), where on it a pose collides, 0 to 1; the first does by then. NaN: none
+    pair: np.ndarray  # int64 (n,), row of the watched pair that is closest there; -1: none
+    clearance: np.ndarray  # [m], (n,), signed distance of that pair there; NaN: none
+    used: np.ndarray  # int64 (n,), poses looked at between the ends
+
+
+class Step(NamedTuple):
+    """What is known of one path; see Segments."""
+
+    status: int
+    bound: float  # [m]
+    until: float
+    t: float
+    pair: int
+    clearance: float  # [m]
+    used: int
+
+
+class Prover:
+    """Proves one path at a time, for use while a robot moves; holds scratch: one per thread."""
+
+    def __init__(self, machine: Machine, margin_between: float, budget: int = BUDGET) -> None:
+        """Make everything that does not depend on the poses.
+
+        Args:
+            machine: whose paths are proven.
+            margin_between: clearance to keep on the paths [m], above 0, at most machine.margin.
+            budget: most poses looked at between two ends, at least 0; it bounds the time taken.
+
+        Raises:
+            ParameterError: margin_between or budget is out of its range.
+        """
+        _check(machine, margin_between, budget)
+        self._chain = machine.chain
+        self._swept = swept(machine.chain)
+        self._scratch = segment.scratch(machine.chain)
+        self._margin, self._budget = float(margin_between), int(budget)
+
+    def step(self, q0: np.ndarray, q1: np.ndarray) -> Step:
+        """Prove the straight path from q0 to q1 [rad], each (n_dof,).
+
+        Raises:
+            ParameterError: a pose has another shape.
+        """
+        q0, q1 = np.ascontiguousarray(q0, float), np.ascontiguousarray(q1, float)
+        n_dof = len(self._chain.parent)
+        if q0.shape != (n_dof,) or q1.shape != (n_dof,):
+            raise ParameterError(
+                f"a step needs two poses of shape ({n_dof},), got {q0.shape} and {q1.shape}"
+            )
+        return Step(
+            *segment.prove(
+                self._chain, self._swept, self._scratch, q0, q1, self._margin, self._budget
+            )
+        )
+
+
+def certify(
+    machine: Machine,
+    q: np.ndarray,
+    margin_between: float,
+    budget: int = BUDGET,
+    progress: Callable[[int], object] | None = None,
+) -> Segments:
+    """Prove the straight joint paths between consecutive poses of a trajectory.
+
+    A path with an end that is not finite is UNDECIDED. The result does not depend on how many
+    threads share the work.
+
+    Args:
+        machine: whose trajectory it is.
+        q: poses [rad], (n, n_dof), n at least 1.
+        margin_between: clearance to keep on the paths [m], above 0, at most machine.margin.
+        budget: most poses looked at between two ends, at least 0.
+        progress: called with numbers of further paths done.
+
+    Returns:
+        Segments of n - 1 paths.
+
+    Raises:
+        ParameterError: q has another shape, margin_between or budget is out of its range.
+    """
+    _check(machine, margin_between, budget)
+    chain = machine.chain
+    q = np.ascontiguousarray(q, float)
+    if q.ndim != 2 or q.shape[1] != len(chain.parent) or not len(q):
+        raise ParameterError(
+            f"a trajectory must have shape (n, {len(chain.parent)}) with n at least 1, "
+            f"got {q.shape}"
+        )
+    n = len(q) - 1
+    status, number = np.full(n, UNDECIDED, np.uint8), np.full((n, 4), np.nan)
+    pair, used = np.full(n, -1, np.int64), np.zeros(n, np.int64)
+    bounds = swept(chain)
+
+    def work(at: slice) -> int:
+        segment.prove_rows(
+            chain, bounds, segment.scratch(chain), q[at.start : at.stop + 1],
+            float(margin_between), int(budget), status[at], number[at], pair[at], used[at],
+        )  # fmt: skip
+        return at.stop - at.start
+
+    slices = [slice(i, min(i + CHUNK, n)) for i in range(0, n, CHUNK)]
+    with ThreadPoolExecutor(workers()) as pool:
+        # The first one in this thread, so that it is compiled once.
+        for done in (*map(work, slices[:1]), *pool.map(work, slices[1:])):
+            if progress:
+                progress(done)
+    bound, until, t, clearance = number.T
+    return Segments(status, bound, until, t, pair, clearance, used)
+
+
+def _check(machine: Machine, margin_between: float, budget: int) -> None:
+    if not 0.0 < margin_between <= machine.margin:
+        raise ParameterError(
+            f"margin_between must be above 0 and at most the margin of the poses, "
+            f"{machine.margin!r} m, got {margin_between!r}"
+        )
+    if not budget >= 0:
+        raise ParameterError(f"the budget of a proof must be at least 0 poses, got {budget!r}")

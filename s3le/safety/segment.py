@@ -1,0 +1,263 @@
+"""Is the straight joint path between two poses clear of collisions? A proof, not samples; compiled.
+
+The path is q(t) = q0 + t (q1 - q0), 0 <= t <= 1, and d(t) a pair's signed distance: that of the
+two cores less both radii. C is the last frame that carries both bodies; V and A are the sums over
+both of their speed and acceleration bounds as seen from C (kernels/swept.py). On a part [a, b] of
+the path, of length h = b - a, two bounds hold:
+
+    first order:   d(t) >= (d(a) + d(b) - h V) / 2
+        for d changes by no more than the cores travel: d(t) >= d(a) - (t - a) V and
+        d(t) >= d(b) - (b - t) V; the mean of the two.
+        Source: Schwarzer, Saha, Latombe, "Adaptive dynamic collision checking" (IEEE T-RO 21(3),
+        2005), whose test is d(a) + d(b) > h V.
+    second order:  d(t) >= least over s in [0, 1] and over ends x of one core and y of the other of
+        (1 - s) f(a) + s f(b) - s (1 - s) h^2 A / 2,  less both radii,  where f = n . (y - x),
+        for any unit vector n fixed in C: two cores are at least as far apart as their shadows on
+        n, a shadow ends at an end of its core, and f lies above its chord less that parabola as
+        |f''| <= A. Every n gives a bound; taken is the mean of the normals at a and b.
+        Source: ours; the parabola is the error of linear interpolation.
+
+A pair that neither bound keeps at the margin is looked at again on both halves. Travel shrinks
+with h, the parabola with h^2, so that a step of 1/30 s hardly ever needs a half. Limits need no
+proof: they are a box, and the path between two poses in a box stays in it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from s3le.kernels.compiled import compiled
+from s3le.kernels.distance import clearance, nearest_on_segments, place_capsules
+from s3le.kernels.kinematics import place
+from s3le.robot.chain import Chain
+from s3le.safety.swept import travels
+
+CERTIFIED, COLLIDES, UNDECIDED = 0, 1, 2
+
+_SLOTS = 28  # poses held at a time; so a part of the path is no shorter than 2^-26 of it
+_ROUNDING = 1e-9  # [m], taken off what is proven; the distances are good to 1e-12
+_LARGEST = 1e3  # [rad], beyond it an angle between two others is not known well enough
+
+
+class Scratch(NamedTuple):
+    """Room for one proof at a time; the first axis is a slot, which holds a pose of the path."""
+
+    q: np.ndarray  # [rad], (slots, n)
+    R: np.ndarray  # (slots, n + 1, 3, 3)
+    p: np.ndarray  # [m], (slots, n + 1, 3)
+    z: np.ndarray  # (slots, n, 3)
+    ends: np.ndarray  # [m], (slots, b, 3, 3)
+    t: np.ndarray  # (slots,)
+    pairs: np.ndarray  # int32 (slots, p), still open on the part of the path that ends here
+    count: np.ndarray  # int64 (slots,), how many these are
+    least: np.ndarray  # [m], (slots,), what is proven of them
+    slot: np.ndarray  # int64 (slots,): first the slot where the part begins, then a stack of ends
+    travel: np.ndarray  # [m], (b, n + 1), V of every core as seen from each frame that carries it
+    bend: np.ndarray  # [m], (b, n + 1), A likewise
+    normal: np.ndarray  # (2, 3)
+    witness: np.ndarray  # [m], (2, 2, 3)
+
+
+def scratch(chain: Chain) -> Scratch:
+    """Room for the proofs of one thread, about 150 kB on a robot of 32 bodies."""
+    n, bodies, pairs = len(chain.parent), len(chain.body_frame), len(chain.pair)
+    return Scratch(
+        q=np.zeros((_SLOTS, n)),
+        R=np.zeros((_SLOTS, n + 1, 3, 3)),
+        p=np.zeros((_SLOTS, n + 1, 3)),
+        z=np.zeros((_SLOTS, n, 3)),
+        ends=np.zeros((_SLOTS, bodies, 3, 3)),
+        t=np.zeros(_SLOTS),
+        pairs=np.zeros((_SLOTS, pairs), np.int32),
+        count=np.zeros(_SLOTS, np.int64),
+        least=np.zeros(_SLOTS),
+        slot=np.zeros(_SLOTS, np.int64),
+        travel=np.zeros((bodies, n + 1)),
+        bend=np.zeros((bodies, n + 1)),
+        normal=np.zeros((2, 3)),
+        witness=np.zeros((2, 2, 3)),
+    )
+
+
+@compiled
+def prove(chain, swept, s, q0, q1, margin, budget):
+    """Prove that all watched pairs keep the margin on the path, or find a pose where one does not.
+
+    Args:
+        chain, swept, s: the robot, swept(chain) and a scratch(chain) of this thread's own.
+        q0, q1: the ends [rad], (n,).
+        margin: clearance to keep [m].
+        budget: most poses that may be looked at between the ends.
+
+    Returns:
+        (status, bound [m], until, t, pair, clearance [m], used):
+        CERTIFIED with bound, a proven lower bound of the clearance on the path, at least margin;
+        COLLIDES with a pose at t whose closest pair keeps only clearance, under margin; it need not
+        be the deepest, and the first such pose of the path lies between until and t;
+        UNDECIDED with bound, under margin, or NaN if an end is not finite: the budget is spent, or
+        what is left to look at is too short.
+        The path is proven clear from 0 to until. What does not apply is NaN or -1; used counts the
+        poses looked at between the ends.
+    """
+    n = len(q0)
+    for i in range(n):  # written so that NaN is refused
+        if not (abs(q0[i]) <= _LARGEST and abs(q1[i]) <= _LARGEST):
+            return UNDECIDED, np.nan, 0.0, np.nan, -1, np.nan, 0
+    for i in range(_SLOTS):
+        s.slot[i] = i
+    s.t[0] = 0.0
+    s.t[1] = 1.0
+    _look(chain, s, q0, q1, 0)
+    _look(chain, s, q0, q1, 1)
+    travels(chain, swept, q0, q1, s.travel, s.bend)
+    low = np.inf  # of all that is decided
+    top = 1
+    used = 0
+    s.count[1] = len(chain.pair)
+    for row in range(len(chain.pair)):
+        s.pairs[1, row] = row
+    while top > 0:
+        left, right = s.slot[0], s.slot[top]
+        low, hit = _sift(chain, swept, s, left, right, margin, low)
+        if hit >= 0:
+            closest, pair = clearance(chain, s.ends[hit], swept.balls)[:2]
+            return COLLIDES, np.nan, s.t[left], s.t[hit], pair, closest, used
+        if s.count[right] == 0:  # go on where this part ends; its beginning is free for reuse
+            s.slot[0], s.slot[top] = right, left
+            top -= 1
+            continue
+        if used >= budget or top + 1 >= _SLOTS:
+            for i in range(1, top + 1):
+                low = min(low, s.least[s.slot[i]])
+            return UNDECIDED, low, s.t[left], np.nan, -1, np.nan, used
+        used += 1
+        top += 1
+        middle = s.slot[top]
+        s.t[middle] = 0.5 * (s.t[left] + s.t[right])
+        _look(chain, s, q0, q1, middle)
+        s.count[middle] = s.count[right]
+        for i in range(s.count[right]):
+            s.pairs[middle, i] = s.pairs[right, i]
+    return CERTIFIED, low, 1.0, np.nan, -1, np.nan, used
+
+
+@compiled
+def prove_rows(chain, swept, s, q, margin, budget, status, number, pair, used):
+    """Prove between each two consecutive rows of q (n, n_dof) [rad]; results by row, as prove's.
+
+    Writes status uint8 (n - 1,), number (n - 1, 4) with bound, until, t and clearance, pair and
+    used int64 (n - 1,).
+    """
+    for i in range(len(q) - 1):
+        found = prove(chain, swept, s, q[i], q[i + 1], margin, budget)
+        status[i] = found[0]
+        number[i, 0] = found[1]
+        number[i, 1] = found[2]
+        number[i, 2] = found[3]
+        number[i, 3] = found[5]
+        pair[i] = found[4]
+        used[i] = found[6]
+
+
+@compiled
+def _look(chain, s, q0, q1, slot):
+    """Place the robot at the slot's t."""
+    t = s.t[slot]
+    for i in range(len(q0)):
+        # At the ends to the bit, and the same whichever end is called the first.
+        s.q[slot, i] = q0[i] if t == 0.0 else q1[i] if t == 1.0 else (1.0 - t) * q0[i] + t * q1[i]
+    place(chain, s.q[slot], s.R[slot], s.p[slot], s.z[slot])
+    place_capsules(chain, s.R[slot], s.p[slot], s.ends[slot])
+
+
+@compiled
+def _sift(chain, swept, s, left, right, margin, low):
+    """Keep of right's pairs those that are open between left and right.
+
+    Returns (low, hit): low now also bounds the pairs decided here; hit is the slot of a pose that
+    breaks the margin, or -1.
+    """
+    L, R = s.ends[left], s.ends[right]
+    h = s.t[right] - s.t[left]
+    kept = 0
+    s.least[right] = np.inf
+    for i in range(s.count[right]):
+        row = s.pairs[right, i]
+        a, b = chain.pair[row, 0], chain.pair[row, 1]
+        C = swept.carrier[row]
+        travel = h * (s.travel[a, C] + s.travel[b, C])
+        # First order, for the balls around the capsules: no root, and it decides nearly all.
+        level = max(margin, low)
+        far = level + _ROUNDING + swept.balls[a] + swept.balls[b] + 0.5 * travel
+        square = far * far
+        if _square(L[a, 2], L[b, 2]) >= square and _square(R[a, 2], R[b, 2]) >= square:
+            continue
+        radii = chain.body_radius[a] + chain.body_radius[b]
+        left_gap = nearest_on_segments(L[a], L[b], s.witness[0])
+        if left_gap - radii < margin:
+            return low, left
+        right_gap = nearest_on_segments(R[a], R[b], s.witness[1])
+        if right_gap - radii < margin:
+            return low, right
+        mean = 0.5 * (left_gap + right_gap) - radii
+        bound = mean - 0.5 * travel
+        bend = h * h * (s.bend[a, C] + s.bend[b, C])
+        # The second order gives hardly more than mean - bend / 8: skip it where that is no use.
+        most = mean - 0.125 * bend
+        if bound < level and most > bound and most >= margin:
+            bound = max(bound, _shadows(s, a, b, C, left, right, bend) - radii)
+        bound -= _ROUNDING
+        if bound >= margin:
+            low = min(low, bound)
+        else:  # also where travel is not finite
+            s.least[right] = min(s.least[right], bound)
+            s.pairs[right, kept] = row
+            kept += 1
+    s.count[right] = kept
+    return low, -1
+
+
+@compiled
+def _square(x, y):
+    return (x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2
+
+
+@compiled
+def _shadows(s, a, b, C, left, right, bend):
+    """Second-order bound of the distance of two cores [m]; -inf where they have no normal."""
+    normal, witness = s.normal, s.witness
+    mean = np.zeros(3)  # of the normals at both ends, in C
+    for side in range(2):
+        R = s.R[left if side == 0 else right, C]
+        gap = np.sqrt(_square(witness[side, 0], witness[side, 1]))
+        if not gap > 1e-9:
+            return -np.inf
+        for i in range(3):
+            part = (witness[side, 1, i] - witness[side, 0, i]) / gap
+            for k in range(3):
+                mean[k] += R[i, k] * part
+    size = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
+    if not size > 1e-3:
+        return -np.inf
+    for side in range(2):
+        R = s.R[left if side == 0 else right, C]
+        for i in range(3):
+            normal[side, i] = (R[i, 0] * mean[0] + R[i, 1] * mean[1] + R[i, 2] * mean[2]) / size
+    least = np.inf
+    for e in range(2):
+        a0 = _dot(normal[0], s.ends[left, a, e])
+        a1 = _dot(normal[1], s.ends[right, a, e])
+        for g in range(2):
+            f0 = _dot(normal[0], s.ends[left, b, g]) - a0
+            f1 = _dot(normal[1], s.ends[right, b, g]) - a1
+            rise = abs(f1 - f0)
+            lowest = min(f0, f1)
+            if rise < 0.5 * bend:  # else the chord less the parabola is lowest at an end
+                lowest = 0.5 * (f0 + f1) - 0.125 * bend - 0.5 * rise * rise / bend
+            least = min(least, lowest)
+    return least
+
+
+@compiled
+def _dot(x, y):
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]

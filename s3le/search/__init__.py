@@ -1,0 +1,1 @@
+"""The nearest of many stored vectors: exactly, or by a graph."""

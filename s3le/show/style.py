@@ -1,0 +1,122 @@
+"""What every figure shares: colours, words, fonts, and how a file comes to be.
+
+A method has one colour wherever it appears. Colours are from Okabe and Ito's palette, which
+stays apart for colour-blind readers; a brute-force search wears a darker shade of the colour
+of the method whose pool it searches. Nothing here reads a clock or writes a version.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from s3le.learn.methods import ENTRIES, label
+from s3le.show import svg
+from s3le.store.atomic import replace
+
+COLOURS = {
+    "truth": "#4d4d4d",
+    "ale": "#CC79A7",
+    "lwl2_pairs": "#D55E00",
+    "lwl2": "#E69F00",
+    "s3le": "#0072B2",
+    "certified_lookup": "#56B4E9",
+    "certified_refined": "#009E73",
+    "skeleton_pairs": "#6b2f00",
+    "skeleton_poses": "#7a5400",
+    "skeleton_all": "#003a5c",
+}
+SPARE = ("#8c6d31", "#7f7f7f", "#9a8ac7", "#b3b36b")  # for methods without a colour of their own
+
+METHODS = tuple((key, label(key)) for key in ENTRIES)  # in reading order
+BRUTE_FORCE = {  # method -> brute-force search of the same pool
+    key: entry.twin for key, entry in ENTRIES.items() if entry.twin
+}
+TRAINED = {"ale": "ALE", "lwl2": "LWL2", "s3le": "S3LE"}  # what one training makes
+
+INK = "#222222"
+QUIET = "#6a6a6a"
+FAINT = "#dddddd"
+BAND = "#f2f4f6"
+ALARM = "#c4161c"
+
+DPI = 150
+
+_SHEET = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so every machine has it
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": QUIET,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "text.color": INK,
+    "xtick.color": QUIET,
+    "ytick.color": INK,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "text.parse_math": False,  # a clip may be named anything
+    "svg.fonttype": "path",
+    "svg.hashsalt": "s3le",  # else names within a drawing are drawn by lot
+}
+
+
+@contextmanager
+def sheet() -> Iterator[None]:
+    """Draw with this project's settings, whatever the user's own matplotlib settings are."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_SHEET)
+        yield
+
+
+def figure(width: float, height: float) -> Figure:
+    """An empty white figure of width x height [inch], drawn by Agg; call within `sheet`."""
+    made = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
+    FigureCanvasAgg(made)
+    return made
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure: the whole file or none of it, the same bytes for the same figure.
+
+    Args:
+        figure: what to draw, at its own resolution.
+        path: where, `.png` or `.svg` (svg.themed, without a background of its own); the folder is
+            made if need be.
+
+    Raises:
+        OSError: the disk refuses; whatever stood at path still stands.
+    """
+    drawn = BytesIO()
+    if Path(path).suffix == ".svg":
+        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        figure.savefig(drawn, format="svg", dpi=figure.dpi, transparent=True, metadata=nothing)
+        made = svg.themed(drawn.getvalue().decode()).encode()
+    else:
+        figure.savefig(drawn, format="png", dpi=figure.dpi, metadata={"Software": None})
+        made = drawn.getvalue()
+    replace(path, lambda part: part.write_bytes(made))
+
+
+def colour(method: str, spare: int = 0) -> str:
+    """The colour of a method; for one unknown here, the spare colour of that number."""
+    return COLOURS.get(method, SPARE[spare % len(SPARE)])
+
+
+def note(figure: Figure, text: str) -> None:
+    """Say in the middle of a figure why there is nothing to see."""
+    figure.text(0.5, 0.5, text, ha="center", va="center", color=QUIET, size=10)

@@ -1,0 +1,131 @@
+"""The exported retargeter on the test motions: each a stream at its own frame rate, certified.
+
+Refined, it does what `s3le retarget` does. The look-up alone is followed under the same guard: of
+the poses that are proposed for a frame, the one whose skeleton is nearest to the human, and then
+the stream is shown that pose's own skeleton, as if the human stood exactly so. There is then
+nothing to refine, and speeds, clearances and proofs are those of the refined row.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from s3le.errors import BundleError, CertificateError
+from s3le.kernels import batch
+from s3le.machine import Machine
+from s3le.retarget.mode import Mode
+from s3le.retarget.stream import Retargeter
+from s3le.safety import audit
+from s3le.skeleton import cosine_distance
+from s3le.types import Progress
+
+_FIRST = 1.0 / 30.0  # [s], given for the first frame of a stream, which does not depend on it
+
+
+class _Recorder:
+    """A proposer that remembers what it was asked, after the stream's filter, and its answers."""
+
+    def __init__(self, proposer: Retargeter) -> None:
+        self._proposer = proposer
+        self.asked: list[np.ndarray] = []
+        self.found: list[np.ndarray] = []
+
+    def propose(self, x: np.ndarray) -> np.ndarray:
+        self.asked.append(x.copy())
+        self.found.append(self._proposer.propose(x))
+        return self.found[-1]
+
+
+class _Given:
+    """A proposer of one pose, whatever it is asked."""
+
+    q: np.ndarray
+
+    def propose(self, x: np.ndarray) -> np.ndarray:
+        return self.q[None]
+
+
+def follow(
+    machine: Machine,
+    retargeter: Retargeter,
+    clips: np.ndarray,
+    times: np.ndarray,
+    x: np.ndarray,
+    refine: bool,
+    progress: Progress | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Follow every motion from its own first pose on; refuse what does not hold.
+
+    Args:
+        machine: the robot that the motions are for.
+        retargeter: the one to follow them.
+        clips: name of each frame's motion, (n,); the frames of one stand together.
+        times: of the frames in their motion [s], (n,).
+        x: human skeletons, (n, 21).
+        refine: False: go for the poses looked up, as they are stored.
+        progress: called with numbers of frames done.
+
+    Returns:
+        Pair (q, mode): poses [rad], (n, n_dof), and how each was obtained, words, (n,).
+
+    Raises:
+        BundleError: the retargeter is one of another robot.
+        CertificateError: a pose, path or speed does not hold by audit's independent check.
+    """
+    if retargeter.machine.tag != machine.tag:
+        raise BundleError(
+            f"the retargeter is for robot '{retargeter.machine.tag}', the motions are for "
+            f"'{machine.tag}'; write it with: dvc repro export"
+        )
+    cuts = 1 + np.flatnonzero(clips[1:] != clips[:-1])
+    wanted = audit.demands(
+        machine,
+        margin_between=retargeter.settings.between,
+        velocity=dict(zip(machine.robot.joint_names, retargeter.speed.tolist(), strict=True)),
+    )
+    made = []
+    for rows in np.split(np.arange(len(x)), cuts):
+        walk = _refined if refine else _looked_up
+        q, mode = walk(retargeter, x[rows], times[rows])
+        report = audit.audit(machine, times[rows], q, wanted)
+        if not report.holds:
+            raise CertificateError(f"{clips[rows[0]]}: {report.complaint}")
+        made.append((q, mode))
+        if progress:
+            progress(len(rows))
+    return tuple(np.concatenate(part) for part in zip(*made, strict=True))
+
+
+def _refined(
+    retargeter: Retargeter, x: np.ndarray, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    stream = retargeter.start()
+    rows = [stream.step(*frame) for frame in zip(x, _steps(times), strict=True)]
+    return np.array([row.q for row in rows]), _words(rows)
+
+
+def _looked_up(
+    retargeter: Retargeter, x: np.ndarray, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    # A first time through for what the look-up is asked and finds: one call a frame.
+    recorder = _Recorder(retargeter)
+    _refined(Retargeter(retargeter.machine, recorder, retargeter.settings), x, times)
+    # What was asked has been through the filter, so that there is none the second time.
+    settings = replace(retargeter.settings, cutoff=0.0, delay=False)
+    machine, given = retargeter.machine, _Given()
+    stream = Retargeter(machine, given, settings).start()
+    rows = []
+    for asked, found, dt in zip(recorder.asked, recorder.found, _steps(times), strict=True):
+        shown = batch.skeletons(machine.chain, found)  # (k, 21)
+        nearest = int(np.argmin(cosine_distance(shown, asked[None], machine.followed)))
+        given.q = found[nearest]
+        rows.append(stream.step(shown[nearest], dt))
+    return np.array([row.q for row in rows]), _words(rows)
+
+
+def _steps(times: np.ndarray) -> np.ndarray:
+    return np.concatenate([[_FIRST], np.diff(times)])
+
+
+def _words(rows: list) -> np.ndarray:
+    return np.array([Mode(row.mode).name.lower() for row in rows])
