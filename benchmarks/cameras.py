@@ -84,10 +84,10 @@ def _side(path: Path, made: convert.Skeletons, follower: Follower) -> Side:
     with tempfile.TemporaryDirectory() as scratch:
         clip = Path(scratch) / f"{path.stem}.parquet"
         convert.write(made, clip)
-        frames = read_frames(clip, follower.machine.neck)
+        frames = read_frames(clip, follower.robot.neck)
     done = clip.convert(follower, frames).trajectory
     rows = np.searchsorted(done.time, frames.time - 1e-6)
-    robot = batch.skeletons(follower.machine.chain, done.q[rows])
+    robot = batch.skeletons(follower.robot.chain, done.q[rows])
     return Side(path.name, frames.frame, frames.x, robot, made.about)
 
 
@@ -100,7 +100,7 @@ def _table(sides: list[Side]) -> None:
             print(f"{a.name} {b.name}: no frame that both know")
             continue
         human = cosine_distance(a.human[i], b.human[j])
-        robot = cosine_distance(a.robot[i], b.robot[j])
+        robot = cosine_distance(a[i], b[j])
         means.append((human.mean(), np.median(human), robot.mean(), np.median(robot)))
         numbers = "".join(f"{v:{w}.4f}" for v, w in zip(means[-1], (11, 8, 9, 8), strict=True))
         print(f"{a.name + ' ' + b.name:26}{len(i):8}{numbers}")

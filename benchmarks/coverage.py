@@ -14,9 +14,9 @@ import numpy as np
 import typer
 from tqdm import tqdm
 
-from s3le import machine
 from s3le.human.splits import test_rows
 from s3le.human.tables import SKELETONS
+from s3le.robot.robot import Robot
 from s3le.skeleton import DIM
 from s3le.store import tables
 from s3le.study import coverage
@@ -33,7 +33,7 @@ def main(
     margin: Annotated[float, typer.Option(help="clearance to keep [m]")] = 0.002,
 ) -> None:
     """Print mean and standard deviation over seeds; assert nothing but feasibility."""
-    it = machine.make(robot, margin, "midpoint")
+    it = Robot.from_file(robot, margin, "midpoint")
     frames = tables.read(SKELETONS, skeletons)
     at = test_rows(frames)
     split = frames["split"][at]

@@ -52,13 +52,13 @@ def main(
     limited = Retargeter.load(folder)
     free = Retargeter.load(folder, {"brake": 0.0})
     free.speed = np.full_like(limited.speed, NO_LIMIT)
-    machine = limited.machine
-    hulls = HullCheck(machine.robot)
-    found = [read_frames(clip, machine.neck, rate=RATE) for clip in clips]
+    robot = limited.robot
+    hulls = HullCheck(robot)
+    found = [read_frames(clip, robot.neck, rate=RATE) for clip in clips]
     print(
-        f"{machine.robot.name}: {machine.robot.n_dof} joints, at most {limited.speed.min():g} to "
-        f"{limited.speed.max():g} rad/s; {len(machine.watched)} pairs of bodies watched, "
-        f"{len(hulls.pairs)} pairs of hulls; margin {machine.margin * 1e3:g} mm"
+        f"{robot.name}: {robot.n_dof} joints, at most {limited.speed.min():g} to "
+        f"{limited.speed.max():g} rad/s; {len(robot.watched)} pairs of bodies watched, "
+        f"{len(hulls.pairs)} pairs of hulls; margin {robot.margin * 1e3:g} mm"
     )
     print(
         f"{'':26}{'frames':>7}{'to human':>10}{'before guard':>14}{'us':>6}{'p99':>7}"
@@ -80,8 +80,8 @@ def main(
 
 def follow(it: Retargeter, hulls: HullCheck, frames: ClipFrames, samples: int) -> Run:
     """Follow a clip, then measure the hulls."""
-    chain, machine = it.machine.chain, it.machine
-    x = machine.seen(frames.x)
+    chain, robot = it.robot.chain, it.robot
+    x = robot.seen(frames.x)
     stream, steps, micros = it.start(), [], []
     before = frames.time - np.concatenate([[1.0 / RATE], frames.time[:-1]])
     before[0] = 1.0 / RATE
@@ -99,7 +99,7 @@ def follow(it: Retargeter, hulls: HullCheck, frames: ClipFrames, samples: int) -
         path = q[:1] if i == 0 else last + shares * (q[i] - last)
         apart[i] = hulls.distances(path).min(axis=0)
     return Run(
-        cosine_distance(batch.skeletons(chain, q), x, machine.followed),
+        cosine_distance(batch.skeletons(chain, q), x, robot.followed),
         np.array([step.wanted for step in steps]), np.array([step.mode for step in steps]),
         np.array(micros), speed, apart,
     )  # fmt: skip

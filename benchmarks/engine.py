@@ -17,7 +17,7 @@ import psutil
 import typer
 from tqdm import tqdm
 
-from s3le import machine
+from s3le.robot.robot import Robot
 from s3le.tuples.engine import run
 from s3le.tuples.samplers import SAMPLERS
 from s3le.tuples.shards import TupleShards
@@ -61,9 +61,9 @@ def main(
 ) -> None:
     """Make the table as stage `sample` does; print what it took."""
     folder = Path(tempfile.mkdtemp(prefix="engine-")) if folder is None else folder
-    machine.write(machine.make(robot, margin, "midpoint"), folder / "robot")
+    robot.write(Robot.from_file(robot, margin, "midpoint"), folder / "robot")
     task = TupleShards(
-        files=machine.carried(folder / "robot"),
+        files=Robot.read(folder / "robot").to_bytes(),
         seed=7,
         shard_rows=shard_rows,
         device=device,

@@ -15,10 +15,10 @@ import numpy as np
 import torch
 import typer
 
-from s3le import machine
 from s3le.gpu import batch as gpu
 from s3le.gpu.chain import device_of
 from s3le.kernels import batch
+from s3le.robot.robot import Robot
 from s3le.tuples.sampling import relaxed_limits
 
 
@@ -43,8 +43,8 @@ def main(
 ) -> None:
     """Print a table; assert nothing but feasibility."""
     device_of(device)  # refuses before anything is computed for nothing
-    it = machine.make(robot, margin, "midpoint")
-    arm, chain = it.robot, it.chain
+    it = Robot.from_file(robot, margin, "midpoint")
+    arm, chain = it, it.chain
     low, high = relaxed_limits(arm.lower, arm.upper, alpha)
     q = np.random.default_rng(0).uniform(low, high, (samples, arm.n_dof))
     compared = min(compared, samples)

@@ -19,9 +19,9 @@ sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from reference import around, search  # noqa: E402  (the tests measure against it too)
 
 from pipeline.stage import bar  # noqa: E402
-from s3le import machine
 from s3le.kernels import batch  # noqa: E402
 from s3le.rng import stream  # noqa: E402
+from s3le.robot.robot import Robot
 from s3le.tuples import sampling  # noqa: E402
 
 POOL = 2000  # feasible poses that random starts are chosen from
@@ -38,8 +38,8 @@ def main(
     seed: Annotated[int, typer.Option(help="root of the random streams")] = 0,
 ) -> None:
     """Print the distribution of our distance over the best one found."""
-    it = machine.make(robot, margin, "midpoint")
-    arm, chain = it.robot, it.chain
+    it = Robot.from_file(robot, margin, "midpoint")
+    arm, chain = it, it.chain
     q = _colliding(it, samples, alpha, seed)
     ours = batch.project(chain, arm.anchor, q, margin).q
     pool = sampling.draw_feasible(it, POOL, stream(seed, "starts"))[0]
@@ -74,9 +74,9 @@ def main(
     )
 
 
-def _colliding(it: machine.Machine, samples: int, alpha: float, seed: int) -> np.ndarray:
+def _colliding(it: Robot, samples: int, alpha: float, seed: int) -> np.ndarray:
     """The first relaxed poses [rad] whose clipped pose collides, (samples, n_dof)."""
-    arm, rng = it.robot, stream(seed, "samples")
+    arm, rng = it, stream(seed, "samples")
     low, high = sampling.relaxed_limits(arm.lower, arm.upper, alpha)
     kept, have = [], 0
     while have < samples:

@@ -54,7 +54,7 @@ def main(
     x = table["x"][splits.test_rows(table)]
     settings = it.settings
     print(
-        f"{it.machine.robot.name}, {len(it.machine.watched)} pairs; k {settings.k}, "
+        f"{it.robot.name}, {len(it.robot.watched)} pairs; k {settings.k}, "
         f"at most {settings.iterations} iterations, proofs of at most {settings.budget} poses"
     )
     print(f"{'us':34}{'median':>9}{'p99':>9}{'worst':>10}")
@@ -80,12 +80,12 @@ def main(
     print(f"mean cosine distance to the human: wanted {np.nanmean(free):.4f}, ", end="")
     print(f"after the guard {np.nanmean(far):.4f}")
     if record:
-        robot = it.machine.robot
+        robot = it.robot
         tree = {
             "format": records.FORMAT, "date": datetime.now(UTC).date().isoformat(),
             "machine": where()["machine"], "threads": 1,
-            "robot": robot.name, "robot_tag": it.machine.tag, "joints": robot.n_dof,
-            "pairs": len(it.machine.watched), "check": check,
+            "robot": robot.name, "robot_tag": it.robot.tag, "joints": robot.n_dof,
+            "pairs": len(it.robot.watched), "check": check,
             "method": "skeleton" if skeleton else method_of(folder),
             "settings": asdict(settings), "frames": frames, "modes": shares, "rows": rows,
         }  # fmt: skip
@@ -102,9 +102,9 @@ def method_of(folder: Path) -> str:
 
 def looked_up(it: Retargeter, x: np.ndarray) -> Callable[[int], object]:
     """Go straight for the nearest of the stored poses looked up, as far as speeds and proof let."""
-    machine = it.machine
-    chain, checker = machine.chain, machine.certifier()
-    q, v, to, out = (np.zeros(n) for n in (*[machine.robot.n_dof] * 3, 8))
+    robot = it.robot
+    chain, checker = robot.chain, robot.certifier()
+    q, v, to, out = (np.zeros(n) for n in (*[robot.n_dof] * 3, 8))
     scratch = segment.scratch(chain)
 
     def step(i: int) -> None:
@@ -115,7 +115,7 @@ def looked_up(it: Retargeter, x: np.ndarray) -> Callable[[int], object]:
             q[:], v[:] = goal, 0.0
         elif guard.straight(
             chain, it.swept, scratch, q, v, goal, DT, it.speed, it.brake, it.rule, to, out
-        ) and checker.one(to)[0] >= machine.margin:  # fmt: skip
+        ) and checker.one(to)[0] >= robot.margin:  # fmt: skip
             v[:] = (to - q) / DT
             q[:] = to
         else:
@@ -127,18 +127,18 @@ def looked_up(it: Retargeter, x: np.ndarray) -> Callable[[int], object]:
 def by_skeleton(it: Retargeter) -> Retargeter:
     """The same retargeter with the same poses, found by their skeletons without a network."""
     poses = it._proposer._poses
-    index = neighbours.build(batch.skeletons(it.machine.chain, poses), "l2")
+    index = neighbours.build(batch.skeletons(it.robot.chain, poses), "l2")
     proposer = propose.LookUp(poses, index, it.settings.k, None)
-    other = Retargeter(it.machine, proposer, it.settings)
+    other = Retargeter(it.robot, proposer, it.settings)
     other.warm_up()
     return other
 
 
 def parts(it: Retargeter, x: np.ndarray) -> dict[str, Callable[[int], object]]:
     """What the whole is made of, each as a function of the frame's number."""
-    machine, proposer = it.machine, it._proposer
-    chain, checker = machine.chain, machine.certifier()
-    memory, scratch = guard.memory(machine.robot.n_dof), segment.scratch(chain)
+    robot, proposer = it.robot, it._proposer
+    chain, checker = robot.chain, robot.certifier()
+    memory, scratch = guard.memory(robot.n_dof), segment.scratch(chain)
     starts = [it.propose(row) for row in x]
 
     def kernel(i: int) -> None:
@@ -146,7 +146,7 @@ def parts(it: Retargeter, x: np.ndarray) -> dict[str, Callable[[int], object]]:
             memory.flag[:] = 0
         guard.frame(
             chain, it.swept, scratch, memory, x[i % len(x)], starts[i % len(x)],
-            machine.robot.anchor, DT, it.speed, it.brake, it.rule,
+            robot.anchor, DT, it.speed, it.brake, it.rule,
         )  # fmt: skip
         if memory.flag[guard.WARM]:
             memory.v[:] = (memory.next - memory.q) / DT

@@ -25,11 +25,10 @@ sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from reference import OneByOne  # noqa: E402  (the tests measure against it too)
 
 from pipeline.stage import bar  # noqa: E402
-from s3le import machine
 from s3le.kernels import batch  # noqa: E402
 from s3le.kernels.distance import reach  # noqa: E402
 from s3le.kernels.solver import blend  # noqa: E402
-from s3le.machine import Machine  # noqa: E402
+from s3le.robot.robot import Robot
 from s3le.tuples import sampling  # noqa: E402
 from s3le.tuples.shards import TupleShards  # noqa: E402
 
@@ -57,14 +56,14 @@ def main(
     """Print how far, at what cost, and where the time goes; assert nothing."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "robot"
-        machine.write(machine.make(robot, margin, "midpoint"), place)
+        robot.write(Robot.from_file(robot, margin, "midpoint"), place)
         if skip_feet:
             _without_feet(next(place.glob("*.urdf")))
-        it = machine.read(place)
-        low, high = sampling.relaxed_limits(it.robot.lower, it.robot.upper, alpha)
-        q = np.random.default_rng(0).uniform(low, high, (samples, it.robot.n_dof))
+        it = Robot.read(place)
+        low, high = sampling.relaxed_limits(it.lower, it.upper, alpha)
+        q = np.random.default_rng(0).uniform(low, high, (samples, it.n_dof))
         print(
-            f"{it.robot.name}: {len(it.watched)} pairs, margin {margin * 1e3:g} mm,"
+            f"{it.name}: {len(it.watched)} pairs, margin {margin * 1e3:g} mm,"
             f" alpha {alpha:g}, {samples} samples"
         )
         with one_core():
@@ -73,7 +72,7 @@ def main(
         _show(it, q, found, cost)
         show(cost)
         throughput(TupleShards(
-            files=machine.carried(place), alpha=alpha, renormalise_mix=False, seed=0,
+            files=Robot.read(place).to_bytes(), alpha=alpha, renormalise_mix=False, seed=0,
             shard_rows=SHARD, device="cpu", sampler="uniform",
         ), rows, Path(folder))  # fmt: skip
 
@@ -91,8 +90,8 @@ def _without_feet(urdf: Path) -> None:
 # --- the competitors
 
 
-def _competitors(it: Machine, q: np.ndarray) -> list[Found]:
-    slow = OneByOne(it.robot, it.watched, it.margin)
+def _competitors(it: Robot, q: np.ndarray) -> list[Found]:
+    slow = OneByOne(it, it.watched, it.margin)
 
     def from_clipped(pose):
         return slow.nearest(pose, pose)
@@ -108,7 +107,7 @@ def _competitors(it: Machine, q: np.ndarray) -> list[Found]:
         _slowly("(b)  the same, two starts", from_both, q),
         _compiled_blending(it, q),
     ]
-    project = partial(batch.project, it.chain, it.robot.anchor, margin=it.margin)
+    project = partial(batch.project, it.chain, it.anchor, margin=it.margin)
     project(q[:2])  # compiles
     projected, us = timed(lambda: project(q), len(q), repeat=3)
     by_fallback = projected.how == batch.FALLBACK
@@ -138,9 +137,9 @@ def _slowly(name: str, project: Callable, q: np.ndarray) -> Found:
     return Found(name, poses, solved, seconds / len(q) * 1e6)
 
 
-def _compiled_blending(it: Machine, q: np.ndarray) -> Found:
+def _compiled_blending(it: Robot, q: np.ndarray) -> Found:
     # Called pose by pose, so several microseconds of it are the call.
-    arm, balls = it.robot, reach(it.chain)
+    arm, balls = it, reach(it.chain)
     clipped = np.clip(q, arm.lower, arm.upper)
 
     def work():
@@ -152,8 +151,8 @@ def _compiled_blending(it: Machine, q: np.ndarray) -> Found:
     return Found("     blending, compiled", poses, np.array(solved), us)
 
 
-def _show(it: Machine, q: np.ndarray, found: list[Found], cost: Cost) -> None:
-    clipped = np.clip(q, it.robot.lower, it.robot.upper)
+def _show(it: Robot, q: np.ndarray, found: list[Found], cost: Cost) -> None:
+    clipped = np.clip(q, it.lower, it.upper)
     hit = batch.clearances(it.chain, clipped) < it.margin
     moved = {one.name: np.linalg.norm(one.q - clipped, axis=1) for one in found}
     solved = {one.name: one.solved for one in found}

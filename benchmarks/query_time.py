@@ -92,7 +92,7 @@ def draw() -> None:
     worst = min(row["within_1_percent"] for row in rows if row["search"] == "walk")
     note = (
         f"Thick: median, thin: 99th percentile; {K} nearest of one human frame, one thread of "
-        f"{rows[0]['machine']},\nprocessor time, the call from Python included. "
+        f"{rows[0]['robot']},\nprocessor time, the call from Python included. "
         f"The walk finds a row within 1 % of the true distance for at least {worst:.2%} of people."
     )
     growth.draw(PICTURE, rows, note)

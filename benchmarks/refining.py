@@ -47,7 +47,7 @@ def main(
     x, clips, times = table["x"][rows], table["clip"][rows], table["time"][rows]
     own = Retargeter.load(folder)
     print(
-        f"{own.machine.robot.name}, {len(set(clips))} motions, {len(x)} frames; mean cosine "
+        f"{own.robot.name}, {len(set(clips))} motions, {len(x)} frames; mean cosine "
         f"distance to the human\n{'':32}{'before':>8}{'after':>8}{'p99':>8}{'jerk':>7}"
         f"{'limited':>9}{'braked':>8}{'around':>8}{'short':>7}{'held':>6}"
     )
@@ -55,21 +55,21 @@ def main(
     for refine in (False, True):
         for brake in BRAKES:
             it = Retargeter.load(folder, {"brake": brake, "check": False})
-            q, mode = followed.follow(it.machine, it, clips, times, x, refine)
+            q, mode = followed.follow(it.robot, it, clips, times, x, refine)
             wanted = _wanted(it, clips, times, x) if refine else None
             _say(it, refine, brake, wanted, q, mode, clips, times, x)
             if refine and brake == own.settings.brake:
                 kept = wanted, q
     if optimum:
         if kept is None:
-            q, _ = followed.follow(own.machine, own, clips, times, x, True)
+            q, _ = followed.follow(own.robot, own, clips, times, x, True)
             kept = _wanted(own, clips, times, x), q
         _to_optimum(own, x, *kept, min(optimum, len(x)), seed)
 
 
 def _wanted(it: Retargeter, clips: np.ndarray, times: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The pose wanted for each frame [rad], (n, n_dof)."""
-    found = np.empty((len(x), it.machine.robot.n_dof))
+    found = np.empty((len(x), it.robot.n_dof))
     following = it.start()
     for i, row in enumerate(x):
         first = i == 0 or clips[i] != clips[i - 1]
@@ -81,7 +81,7 @@ def _wanted(it: Retargeter, clips: np.ndarray, times: np.ndarray, x: np.ndarray)
 
 
 def _say(it, refine, brake, wanted, q, mode, clips, times, x) -> None:
-    chain = it.machine.chain
+    chain = it.robot.chain
     after = cosine_distance(batch.skeletons(chain, q), x)
     third = []
     for name in dict.fromkeys(clips):
@@ -107,30 +107,30 @@ def _say(it, refine, brake, wanted, q, mode, clips, times, x) -> None:
 
 
 def _to_optimum(it: Retargeter, x, wanted, q, count: int, seed: int) -> None:
-    machine = it.machine
-    other = OneByOne(machine.robot, machine.watched, machine.margin)
+    robot = it.robot
+    other = OneByOne(robot, robot.watched, robot.margin)
     rng = stream(seed, "optimum")
     rows = np.sort(rng.choice(len(x), count, replace=False))
-    pool = sampling.draw_feasible(machine, 2000, stream(seed, "starts"))[0]
-    looked = np.empty((count, machine.robot.n_dof))
+    pool = sampling.draw_feasible(robot, 2000, stream(seed, "starts"))[0]
+    looked = np.empty((count, robot.n_dof))
     best = np.empty_like(looked)
     with bar(count, "optimum", "frames") as advance:
         for i, row in enumerate(rows):
             near = it.propose(x[row])
-            far = cosine_distance(batch.skeletons(machine.chain, near), x[row][None])
+            far = cosine_distance(batch.skeletons(robot.chain, near), x[row][None])
             looked[i] = near[np.argmin(far)]
             more = pool[rng.choice(len(pool), STARTS - len(near[:8]), replace=False)]
             best[i] = other.optimum(x[row], np.concatenate([near[:8], more]))
             advance(1)
-    machine.certifier().require(best, machine.margin)
-    shown = batch.skeletons(machine.chain, best)
+    robot.certifier().require(best, robot.margin)
+    shown = batch.skeletons(robot.chain, best)
     human = cosine_distance(shown, x[rows])
     print(f"\n{count} frames; the optimum is {human.mean():.4f} from the human. To the optimum:")
     for name, poses in (
         ("best of the look-up", looked), ("before the guard", wanted[rows]),
         ("after the guard", q[rows]),
     ):  # fmt: skip
-        mine = batch.skeletons(machine.chain, poses)
+        mine = batch.skeletons(robot.chain, poses)
         far, over = cosine_distance(mine, shown), cosine_distance(mine, x[rows]) - human
         print(
             f"  {name:22} mean {far.mean():.4f}, p95 {np.quantile(far, 0.95):.4f}; farther from "

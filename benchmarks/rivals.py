@@ -25,9 +25,8 @@ from engines import spec_of  # noqa: E402
 
 from s3le.human.skeletons import read_frames
 from s3le.kernels import batch  # noqa: E402
-from s3le.machine import Machine  # noqa: E402
 from s3le.retarget import Retargeter  # noqa: E402
-from s3le.robot.model import reduced  # noqa: E402
+from s3le.robot.robot import Robot  # noqa: E402
 from s3le.safety import paths  # noqa: E402
 from s3le.skeleton import cosine_distance  # noqa: E402
 
@@ -60,14 +59,14 @@ def main(
 ) -> None:
     """Print the table."""
     it = Retargeter.load(folder)
-    machine = it.machine
+    robot = it.robot
     if clip is None:
         clip = sorted(Path("data/clips").glob("*/test/*"))[0]
-    given = read_frames(clip, machine.neck, rate=rate)
+    given = read_frames(clip, robot.neck, rate=rate)
     x, times = given.x[:frames], given.time[:frames]
     print(
-        f"{machine.robot.name}, {given.name}, {len(x)} frames at {rate:g} Hz, "
-        f"{len(machine.watched)} pairs, joints at most {it.speed.max():g} rad/s"
+        f"{robot.name}, {given.name}, {len(x)} frames at {rate:g} Hz, "
+        f"{len(robot.watched)} pairs, joints at most {it.speed.max():g} rad/s"
     )
     print(
         f"{'':34}{'us a frame':>11}{'p99':>8}{'to human':>10}{'p95':>8}{'collide':>9}"
@@ -80,8 +79,8 @@ def main(
         it.batch(x, times)
         each = (time.perf_counter() - began) / len(x)
         print(f"{'the same, as a batch':34}{each * 1e6:11.0f}")
-        for name, solve in _rivals(machine, 1.0 / rate, it.speed):
-            _say(it, _follow(name, solve, machine, x, ours.q[0]), x, times)
+        for name, solve in _rivals(robot, 1.0 / rate, it.speed):
+            _say(it, _follow(name, solve, robot, x, ours.q[0]), x, times)
 
 
 def _ours(it: Retargeter, x: np.ndarray, times: np.ndarray) -> Run:
@@ -93,9 +92,9 @@ def _ours(it: Retargeter, x: np.ndarray, times: np.ndarray) -> Run:
     return Run("s3le: look up, refine, certify", np.array(rows), np.array(seconds), 0)
 
 
-def _follow(name: str, solve: Solve, machine: Machine, x: np.ndarray, start: np.ndarray) -> Run:
+def _follow(name: str, solve: Solve, robot: Robot, x: np.ndarray, start: np.ndarray) -> Run:
     q, rows, seconds, failed = start.copy(), [], [], 0
-    goals = _targets(machine, x)
+    goals = _targets(robot, x)
     for goal in goals:
         began = time.perf_counter()
         try:
@@ -109,11 +108,11 @@ def _follow(name: str, solve: Solve, machine: Machine, x: np.ndarray, start: np.
     return Run(name, np.array(rows), np.array(seconds), failed)
 
 
-def _targets(machine: Machine, x: np.ndarray) -> np.ndarray:
+def _targets(robot: Robot, x: np.ndarray) -> np.ndarray:
     """Where the six points are to be [m], in the robot's base frame, (n, 6, 3)."""
-    at = _points(machine)
+    at = _points(robot)
     at["neck"] = 0.5 * (at["r_shoulder"] + at["l_shoulder"])
-    u = x.reshape(-1, 7, 3) @ machine.robot.base_rotation  # into the base frame
+    u = x.reshape(-1, 7, 3) @ robot.base_rotation  # into the base frame
     found = {"neck": at["hip"] + np.linalg.norm(at["neck"] - at["hip"]) * u[:, 0]}
     for name, (before, bone) in FOLLOWS.items():
         length = np.linalg.norm(at[name] - at[before])
@@ -121,36 +120,35 @@ def _targets(machine: Machine, x: np.ndarray) -> np.ndarray:
     return np.stack([found[name] for name in POINTS], axis=1)
 
 
-def _points(machine: Machine) -> dict[str, np.ndarray]:
+def _points(robot: Robot) -> dict[str, np.ndarray]:
     """The points at the anchor [m], in the base frame, by pinocchio."""
     import pinocchio as pin
 
-    model, _ = reduced(machine.robot.description)
+    model, _ = robot.reduced()
     data = model.createData()
-    pin.forwardKinematics(model, data, machine.robot.anchor)
+    pin.forwardKinematics(model, data, robot.anchor)
     return {
         role: data.oMi[point.joint + 1].act(point.offset)
-        for role, point in machine.robot.points.items()
+        for role, point in robot.points.items()
     }
 
 
-def _rivals(machine: Machine, dt: float, speed: np.ndarray) -> Iterator[tuple[str, Solve]]:
+def _rivals(robot: Robot, dt: float, speed: np.ndarray) -> Iterator[tuple[str, Solve]]:
     """Those that are installed."""
     for name, make in (("mink", _mink), ("pink", _pink)):
         for solves in (1, 10):
             try:
-                solve = make(machine, dt, speed, solves)
+                solve = make(robot, dt, speed, solves)
             except ModuleNotFoundError as error:
                 print(f"{name}: not installed ({error.name}); see the top of this file")
                 break
             yield f"{name}, collision limit, {solves} a frame", solve
 
 
-def _mink(machine: Machine, dt: float, speed: np.ndarray, solves: int) -> Solve:
+def _mink(robot: Robot, dt: float, speed: np.ndarray, solves: int) -> Solve:
     import mink
 
-    robot = machine.robot
-    spec = spec_of(machine)
+    spec = spec_of(robot)
     for joint in list(spec.joints):
         if joint.name not in robot.joint_names:
             spec.delete(joint)
@@ -166,8 +164,8 @@ def _mink(machine: Machine, dt: float, speed: np.ndarray, solves: int) -> Solve:
         mink.VelocityLimit(model, dict(zip(robot.joint_names, speed.tolist(), strict=True))),
         mink.CollisionAvoidanceLimit(
             model,
-            [(bodies[a], bodies[b]) for a, b in machine.watched],
-            minimum_distance_from_collisions=machine.margin,
+            [(bodies[a], bodies[b]) for a, b in robot.watched],
+            minimum_distance_from_collisions=robot.margin,
             collision_detection_distance=DETECTED,
         ),
     ]
@@ -187,16 +185,15 @@ def _mink(machine: Machine, dt: float, speed: np.ndarray, solves: int) -> Solve:
     return solve
 
 
-def _pink(machine: Machine, dt: float, speed: np.ndarray, solves: int) -> Solve:
+def _pink(robot: Robot, dt: float, speed: np.ndarray, solves: int) -> Solve:
     import pink
     import pinocchio as pin
     from pink.barriers import SelfCollisionBarrier
 
-    robot = machine.robot
-    model, geometry = reduced(robot.description)
+    model, geometry = robot.reduced()
     model.velocityLimit = speed.copy()
     number = {item.name: i for i, item in enumerate(geometry.geometryObjects)}
-    for a, b in machine.watched:
+    for a, b in robot.watched:
         names = robot.bodies[a].name, robot.bodies[b].name
         geometry.addCollisionPair(pin.CollisionPair(*(number[name] for name in names)))
     for name in POINTS:
@@ -206,10 +203,10 @@ def _pink(machine: Machine, dt: float, speed: np.ndarray, solves: int) -> Solve:
     data, collisions = model.createData(), pin.GeometryData(geometry)
     tasks = [pink.tasks.FrameTask(name, 1.0, 0.0, lm_damping=1e-3) for name in POINTS]
     barrier = SelfCollisionBarrier(
-        min(CLOSEST, len(machine.watched)),
+        min(CLOSEST, len(robot.watched)),
         gain=20.0,
         safe_displacement_gain=0.0,  # its default pulls the robot away from the human
-        d_min=machine.margin,
+        d_min=robot.margin,
     )
 
     def solve(goal: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -227,15 +224,15 @@ def _pink(machine: Machine, dt: float, speed: np.ndarray, solves: int) -> Solve:
 
 
 def _say(it: Retargeter, run: Run, x: np.ndarray, times: np.ndarray) -> None:
-    machine = it.machine
-    far = cosine_distance(batch.skeletons(machine.chain, run.q), x)
-    clearance = batch.clearances(machine.chain, run.q)
-    proven = paths.certify(machine, run.q, it.settings.between)
+    robot = it.robot
+    far = cosine_distance(batch.skeletons(robot.chain, run.q), x)
+    clearance = batch.clearances(robot.chain, run.q)
+    proven = paths.certify(robot, run.q, it.settings.between)
     fast = (np.abs(np.diff(run.q, axis=0)) > it.speed * np.diff(times)[:, None] + 1e-9).any(axis=1)
     p50, p99 = np.quantile(run.seconds, [0.5, 0.99]) * 1e6
     print(
         f"{run.name:34}{p50:11.0f}{p99:8.0f}{far.mean():10.4f}{np.quantile(far, 0.95):8.3f}"
-        f"{np.mean(clearance < 0.0):9.1%}{np.mean(clearance < machine.margin):9.1%}"
+        f"{np.mean(clearance < 0.0):9.1%}{np.mean(clearance < robot.margin):9.1%}"
         f"{np.mean(proven.status != paths.CERTIFIED):17.1%}{fast.mean():9.1%}{run.failed:7d}",
         flush=True,
     )

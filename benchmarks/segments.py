@@ -18,10 +18,9 @@ import numpy as np
 import typer
 from tuple_cost import one_core, timed
 
-from s3le import machine
 from s3le.kernels import batch
-from s3le.machine import Machine
 from s3le.rng import stream
+from s3le.robot.robot import Robot
 from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, Prover, Segments, certify
 from s3le.store import tables
 from s3le.study.tables import ground_truth, retargeted
@@ -40,8 +39,8 @@ def main(
     data: Annotated[Path, typer.Option(help="folder of the tables")] = Path("data"),
 ) -> None:
     """Print the table."""
-    it = machine.make(robot, margin, "midpoint")
-    n_dof = it.robot.n_dof
+    it = Robot.from_file(robot, margin, "midpoint")
+    n_dof = it.n_dof
     motions = {
         "random feasible poses": [sampling.draw_feasible(it, samples + 1, stream(0, "pairs"))[0]],
         "walks at up to 4 rad/s": walks(it, samples, 4.0),
@@ -49,7 +48,7 @@ def main(
         "looked-up motion": clips(retargeted(n_dof), data / "retargeted-s3le.parquet"),
         "ground truth": clips(ground_truth(n_dof, margin), data / "ground_truth.parquet"),
     }
-    print(f"{it.robot.name}: {len(it.watched)} pairs, poses keep {margin * 1e3:g} mm\n")
+    print(f"{it.name}: {len(it.watched)} pairs, poses keep {margin * 1e3:g} mm\n")
     print(
         f"{'':24}{'paths':>6}{'between':>9}{'budget':>8}{'certified':>11}{'collide':>9}"
         f"{'undecided':>11}{'looks':>7}{'most':>6}{'us batch':>10}{'us call p50':>13}{'p99':>7}"
@@ -63,9 +62,9 @@ def main(
                     print(f"{name:24}" + row(it, parts, float(between), int(budget)))
 
 
-def walks(it: Machine, samples: int, speed: float) -> list[np.ndarray]:
+def walks(it: Robot, samples: int, speed: float) -> list[np.ndarray]:
     """Feasible random walks [rad]: a random step in every joint, then Proj_Q."""
-    arm, rng, most = it.robot, stream(0, f"walks {speed}"), speed / RATE
+    arm, rng, most = it, stream(0, f"walks {speed}"), speed / RATE
     q = sampling.draw_feasible(it, max(1, samples // WALK), rng)[0]
     frames = [q]
     for _ in range(WALK):
@@ -88,7 +87,7 @@ def clips(table, path: Path) -> list[np.ndarray]:
     return np.split(found["q"], cuts)
 
 
-def row(it: Machine, parts: list[np.ndarray], between: float, budget: int) -> str:
+def row(it: Robot, parts: list[np.ndarray], between: float, budget: int) -> str:
     """One line of the table."""
     paths = sum(len(q) - 1 for q in parts)
     certify(it, parts[0][:2], between, budget)  # compiles

@@ -17,13 +17,13 @@ import numpy as np
 import polars as pl
 
 from pipeline.stage import bar
-from s3le import machine
 from s3le.human import dataset
 from s3le.human.read import SUFFIXES, read_clip, suffix_of
 from s3le.human.splits import test_rows
 from s3le.human.tables import SKELETONS
 from s3le.kernels import batch
 from s3le.learn import artifact
+from s3le.robot.robot import Robot
 from s3le.store import tables
 from s3le.tuples.sampling import relaxed_limits
 
@@ -54,7 +54,7 @@ def worlds(
         queries: people at most, evenly spread over the frames.
         cache: a file that keeps the poses from run to run.
     """
-    it = machine.read(data / "robot")
+    it = Robot.read(data / "robot")
     q = _poses(it, data, rows, cache)
     x = _people(data, clips)
     x = x[np.unique(np.linspace(0, len(x) - 1, min(queries, len(x))).astype(int))]
@@ -70,7 +70,7 @@ def worlds(
     return made
 
 
-def _poses(it: machine.Machine, data: Path, rows: int, cache: Path | None) -> np.ndarray:
+def _poses(it: Robot, data: Path, rows: int, cache: Path | None) -> np.ndarray:
     if cache and cache.is_file():
         q = np.load(cache)
         if len(q) >= rows:
@@ -79,11 +79,11 @@ def _poses(it: machine.Machine, data: Path, rows: int, cache: Path | None) -> np
     # The table has its sources one after another; any first part of the rows shall be a mixture.
     q = q[np.random.default_rng(SEED + 1).permutation(len(q))]
     if len(q) < rows:
-        low, high = relaxed_limits(it.robot.lower, it.robot.upper, ALPHA)
+        low, high = relaxed_limits(it.lower, it.upper, ALPHA)
         rng = np.random.default_rng(SEED)
-        more = rng.uniform(low, high, (rows - len(q), it.robot.n_dof))
+        more = rng.uniform(low, high, (rows - len(q), it.n_dof))
         with bar(len(more), "projecting poses", unit="rows") as progress:
-            made = batch.project(it.chain, it.robot.anchor, more, it.margin, progress).q
+            made = batch.project(it.chain, it.anchor, more, it.margin, progress).q
         q = np.concatenate([q, made])
     if cache:
         tables.replace(cache, lambda part: _save(part, q))
@@ -138,7 +138,7 @@ def timed(search: Callable, queries: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def where() -> dict[str, str]:
-    """Machine, threads and commit, for the head of a table."""
+    """Robot, threads and commit, for the head of a table."""
     here = Path(__file__).parent
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty", "--exclude=*"],

@@ -17,7 +17,7 @@ from pipeline.stage import bar, say
 from s3le.kernels import batch
 from s3le.kernels.distance import reach
 from s3le.kernels.solver import blend, minimise
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.store import tables
 from s3le.tuples import sampling
 from s3le.tuples.certified import certificate
@@ -73,9 +73,9 @@ def timed(work: Callable, rows: int, repeat: int = 1) -> tuple[object, float]:
     return result, best / rows * 1e6
 
 
-def measure(it: Machine, rows: int, alpha: float) -> Cost:
+def measure(it: Robot, rows: int, alpha: float) -> Cost:
     """Time each part of rows tuples; call it within one_core."""
-    arm, chain, checker = it.robot, it.chain, it.certifier()
+    arm, chain, checker = it, it.chain, it.certifier()
     low, high = sampling.relaxed_limits(arm.lower, arm.upper, alpha)
     rng = np.random.default_rng(1)
     project = partial(batch.project, chain, arm.anchor, margin=it.margin)
@@ -127,9 +127,9 @@ def show(cost: Cost) -> None:
     print(f"  {'together':22}{cost.whole:8.2f} us, {1e6 / cost.whole:.0f} tuples/s")
 
 
-def _iterations(it: Machine, q: np.ndarray) -> np.ndarray:
+def _iterations(it: Robot, q: np.ndarray) -> np.ndarray:
     """Mean iterations of the solver from the clipped pose and from the blended one, (2,)."""
-    arm, balls, none, out = it.robot, reach(it.chain), np.empty(0), np.empty(3)
+    arm, balls, none, out = it, reach(it.chain), np.empty(0), np.empty(3)
     counts = []
     for pose in q:
         back = np.clip(pose, arm.lower, arm.upper)

@@ -52,7 +52,7 @@ def main(
     clip = out / f"{path.stem}.parquet"
     convert.write(made, clip)
     follower = following.load(folder, None)
-    robot = follower.machine
+    robot = follower.robot
     try:
         frames = read_frames(clip, robot.neck)
     finally:
@@ -68,7 +68,7 @@ def main(
     shown = motions.of(done.trajectory, path, robot)
     told = rows.robot(shown, times, 0, False)
     note = [f"{c * 1e3:.1f} mm" for c in told.clearance]
-    name = robot.robot.name
+    name = robot.name
     target = out / "figure.png"
     strip.draw(
         target,

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import machine
 from s3le.human.tables import SKELETONS
+from s3le.robot.robot import Robot
 from s3le.store import documents, tables
 from s3le.study import coverage
 from s3le.tuples.samplers import SAMPLERS
@@ -30,8 +30,8 @@ class Params:
 def main() -> None:
     """Draw poses with every sampler and measure them against people none of them has seen."""
     params = read(Params)
-    robot = machine.read(ROBOT)
-    table = mocap_pairs(robot.robot.n_dof, robot.margin)
+    robot = Robot.read(ROBOT)
+    table = mocap_pairs(robot.n_dof, robot.margin)
     pairs = tables.read(table, DATA / "mocap_pairs.parquet", robot.tag, ["x_feasible"])
     frames = tables.read(SKELETONS, DATA / "skeletons.parquet")
     with bar(2 * len(SAMPLERS) * params.rows, "coverage") as progress:

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, launch
-from s3le import machine
 from s3le.human import splits
 from s3le.human.tables import SKELETONS
 from s3le.learn import methods
 from s3le.learn.table import index
+from s3le.robot.robot import Robot
 from s3le.store import documents, tables
 from s3le.study import comparison
 from s3le.study.tables import ground_truth, retargeted
@@ -32,8 +32,8 @@ class Params:
 def main(name: str) -> None:
     """Retarget every test frame with one entry; check and score every pose and every path."""
     entry = methods.entry(name)
-    robot = machine.read(ROBOT)
-    n_dof = robot.robot.n_dof
+    robot = Robot.read(ROBOT)
+    n_dof = robot.n_dof
     frames = tables.read(SKELETONS, SKELETON_ROWS)
     truth = tables.read(ground_truth(n_dof, robot.margin), TRUTH, robot.tag)
     rows = splits.test_rows(frames)

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import machine
 from s3le.learn.table import index
 from s3le.retarget import exported
 from s3le.retarget.settings import RANGES, Settings
+from s3le.robot.robot import Robot
 from s3le.store import tables
 
 ROBOT = Path("data/robot")
@@ -46,14 +46,14 @@ def main() -> None:
     """Write the folder."""
     chosen = asdict(read(Params))
     method = chosen.pop("method")
-    it = machine.read(ROBOT)
+    it = Robot.read(ROBOT)
     rows, metric = None, "l2"
     if method in INDEX:
         name = INDEX[method]
         path = DATA / f"index-{name}.parquet"
         metric = tables.read_note(path, "metric", f"index@{name}")
         latent = int(tables.read_note(path, "latent", f"index@{name}"))
-        rows = tables.read(index(it.robot.n_dof, it.margin, latent), path, it.tag)
+        rows = tables.read(index(it.n_dof, it.margin, latent), path, it.tag)
     model = None if method == "skeleton" else DATA / f"model-{method}.safetensors"
     with bar(len(rows["row"]) if rows else 0, "neighbours") as progress:
         exported.save(OUT, it, method, metric, Settings(**chosen), rows, model, progress)

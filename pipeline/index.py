@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read
-from s3le import machine
 from s3le.learn import methods, pool
 from s3le.learn.table import index
+from s3le.robot.robot import Robot
 from s3le.search.metrics import LATENT_METRICS
 from s3le.store import tables
 from s3le.tuples.tables import kinematic_pairs, mocap_pairs, robot_poses
@@ -41,8 +41,8 @@ def main(name: str) -> None:
     params = read(Params)
     entry = methods.entry(name)
     names = pool.tables(name, params.with_pairs)
-    robot = machine.read(ROBOT)
-    n_dof = robot.robot.n_dof
+    robot = Robot.read(ROBOT)
+    n_dof = robot.n_dof
     tables = {
         part: tables.read(
             TABLES[part](n_dof, robot.margin), DATA / PLACE[part], robot.tag, pool.columns(part)

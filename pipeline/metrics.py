@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
-from s3le import machine
 from s3le.learn.methods import ENTRIES, label
+from s3le.robot.robot import Robot
 from s3le.store import documents, tables
 from s3le.study import metrics
 from s3le.study.tables import ground_truth
@@ -31,13 +31,13 @@ class Params:
 def main() -> None:
     """Merge what the stages counted into one tree of metrics and one row a motion."""
     params = read(Params)
-    robot = machine.read(ROBOT)
+    robot = Robot.read(ROBOT)
     stages = ("skeletons", "pair", "sample", "poses")
     tree, table, motions = metrics.merge(
         robot,
         params.clips,
         {stage: documents.read_json(COUNTS / f"{stage}.json", stage) for stage in stages},
-        tables.read(ground_truth(robot.robot.n_dof, robot.margin), TRUTH, robot.tag),
+        tables.read(ground_truth(robot.n_dof, robot.margin), TRUTH, robot.tag),
         {e: documents.read_json(COUNTS / f"evaluate-{e}.json", f"evaluate@{e}") for e in ENTRIES},
         documents.read_csv(COVERAGE, "coverage"),
         documents.read_json(COUNTS / "synthetic.json", "synthetic"),

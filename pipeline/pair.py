@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import machine
 from s3le.human import splits
 from s3le.human.tables import SKELETONS
+from s3le.robot.robot import Robot
 from s3le.store import documents, tables
 from s3le.tuples import pairing
 from s3le.tuples.tables import mocap_pairs
@@ -30,12 +30,12 @@ class Params:
 def main() -> None:
     """Retarget training frames without limits and collisions, then project."""
     params = read(Params)
-    robot = machine.read(ROBOT)
+    robot = Robot.read(ROBOT)
     frames = tables.read(SKELETONS, SKELETON_ROWS)
     count = len(splits.train_rows(frames, params.rows))
     with bar(2 * count, "mocap pairs") as progress:
         columns, counts = pairing.pair(robot, frames, count, params.ridge, progress)
-    table = mocap_pairs(robot.robot.n_dof, robot.margin)
+    table = mocap_pairs(robot.n_dof, robot.margin)
     tables.write(columns, table, OUT, robot.tag)
     documents.write_json(counts, COUNTS)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say, shards_bar
-from s3le import machine
+from s3le.robot.robot import Robot
 from s3le.store import documents
 from s3le.tuples.engine import run
 from s3le.tuples.shards import PoseShards
@@ -32,7 +32,7 @@ def main() -> None:
     """Draw feasible poses, certify, write."""
     params = read(Params)
     task = PoseShards(
-        files=machine.carried(ROBOT), seed=params.seed, shard_rows=params.shard_rows
+        files=Robot.read(ROBOT).to_bytes(), seed=params.seed, shard_rows=params.shard_rows
     )
     where = run.Where(
         executor=params.executor, workers=params.workers, ray_address=params.ray_address

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import PARAMS, knob, launch, read, say
-from s3le import machine
 from s3le.human.tables import SKELETONS
 from s3le.learn import methods
 from s3le.report import bars, curves, embed, maps, page, parameters, records, spaces
+from s3le.robot.robot import Robot
 from s3le.show import strip
 from s3le.store import documents, tables
 from s3le.study import latents, snapshots
@@ -38,8 +38,8 @@ class Params:
 def main() -> None:
     """Draw the pictures and write the page that reads the run to a stranger."""
     params = read(Params)
-    robot = machine.read(ROBOT)
-    n_dof = robot.robot.n_dof
+    robot = Robot.read(ROBOT)
+    n_dof = robot.n_dof
     tree = documents.read_json(REPORTS / "metrics.json", "metrics")
     motions = documents.read_csv(REPORTS / "motions.csv", "metrics")
     histories = {
@@ -58,7 +58,7 @@ def main() -> None:
     curves.draw(FIGURES / "training.svg", histories)
     clip, rows = snapshots.choose(frames, params.strip_clip, params.strip_frames)
     shown = snapshots.strip(robot, frames, rows, truth, answers, dict(labels))
-    strip.draw(FIGURES / "strip.png", frames["time"][rows], shown, f"{robot.robot.name}: {clip}")
+    strip.draw(FIGURES / "strip.png", frames["time"][rows], shown, f"{robot.name}: {clip}")
     poses = tables.read(
         robot_poses(n_dof, robot.margin), DATA / "robot_poses", robot.tag, ("q",)
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
-from s3le import machine
+from s3le.robot.robot import Robot
 from s3le.skeleton import NECKS
 
 ROBOTS = Path("data/robots")
@@ -26,8 +26,8 @@ class Params:
 def main() -> None:
     """Check the robot, decide which pairs of bodies are watched, write it all to one folder."""
     params = read(Params)
-    made = machine.adopt(ROBOTS / f"{params.robot}.yaml", params.margin, params.neck)
-    machine.write(made, OUT)
+    made = Robot.adopt(ROBOTS / f"{params.robot}.yaml", params.margin, params.neck)
+    made.write(OUT)
     for reason, count in sorted(Counter(pair.reason for pair in made.pairs).items()):
         say(f"{count:4d} pairs of bodies: {reason}")
     for first, second, kind, reason in made.unwatched():

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say, shards_bar
-from s3le import machine
+from s3le.robot.robot import Robot
 from s3le.store import documents
 from s3le.tuples.certified import projection_summary
 from s3le.tuples.engine import run
@@ -38,7 +38,7 @@ def main() -> None:
     """Draw relaxed poses, project them, mix their skeletons, certify, write."""
     params = read(Params)
     task = TupleShards(
-        files=machine.carried(ROBOT),
+        files=Robot.read(ROBOT).to_bytes(),
         sampler=params.sampler,
         alpha=params.alpha,
         renormalise_mix=params.renormalise_mix,

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, steps_bar
-from s3le import machine
 from s3le.errors import ParameterError
 from s3le.human.tables import MOCAP_DOMAIN
 from s3le.learn import gather
 from s3le.learn.gather import CHOICES, Training
+from s3le.robot.robot import Robot
 from s3le.store import documents, tables
 from s3le.tuples.tables import kinematic_pairs, mocap_pairs, robot_poses
 
@@ -101,8 +101,8 @@ def main(method: str) -> None:
         **asdict(read(Params)) | asdict(read(METHODS[method])),
         checkpoint_every=CHECKPOINT_EVERY,
     )
-    robot = machine.read(ROBOT)
-    n_dof, margin = robot.robot.n_dof, robot.margin
+    robot = Robot.read(ROBOT)
+    n_dof, margin = robot.n_dof, robot.margin
     sampled = None
     if method == "s3le":
         table = kinematic_pairs(n_dof, margin)

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
-from s3le import machine, rng
+from s3le import rng
 from s3le.human import splits
 from s3le.human.tables import SKELETONS
+from s3le.robot.robot import Robot
 from s3le.store import tables
 from s3le.study import truth
 from s3le.study.tables import ground_truth
@@ -30,12 +31,12 @@ class Params:
 def main() -> None:
     """Retarget every test frame with limits and collisions, from several starts."""
     params = read(Params)
-    robot = machine.read(ROBOT)
+    robot = Robot.read(ROBOT)
     frames = tables.read(SKELETONS, SKELETON_ROWS)
     stream = rng.stream(params.seed, Params.section)
     with bar(2 * len(splits.test_rows(frames)), "ground truth") as progress:
         columns = truth.ground_truth(robot, frames, params.starts, params.ridge, stream, progress)
-    tables.write(columns, ground_truth(robot.robot.n_dof, robot.margin), OUT, robot.tag)
+    tables.write(columns, ground_truth(robot.n_dof, robot.margin), OUT, robot.tag)
 
 
 if __name__ == "__main__":

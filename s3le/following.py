@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from s3le.errors import ModelError
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.store import documents
 
 
@@ -25,7 +25,7 @@ class Streams(Protocol):
 class Retargets(Protocol):
     """What a retargeter must be able to do; s3le.retarget.stream.Retargeter does."""
 
-    machine: Machine
+    robot: Robot
     settings: Any  # its `between` is the clearance kept on the paths between poses [m]
     speed: np.ndarray  # [rad/s], (n_dof,), most that each joint does
 
@@ -55,7 +55,7 @@ class Follower:
         """
         self._retargeter, self._modes = retargeter, modes
         self._stream = retargeter.start()
-        self.machine = retargeter.machine
+        self.robot = retargeter.robot
         self.margin_between = float(retargeter.settings.between)
         self.velocity = np.asarray(retargeter.speed, float)
 

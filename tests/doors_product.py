@@ -17,9 +17,9 @@ TAG = "arm 0123 margin=0.002 neck=midpoint"
 
 
 def _robot(folder: Path) -> Any:
-    from s3le import machine
+    from s3le.robot.robot import Robot
 
-    return machine.make(folder / "arms.yaml", 0.002, "midpoint")
+    return Robot.from_file(folder / "arms.yaml", 0.002, "midpoint")
 
 
 KNOWN = {  # what a URDF may hold where geometry hangs on it
@@ -36,10 +36,10 @@ ATTRIBUTES = {
 
 def _robot_owes(it: Reading) -> None:
     files, made = it.files, it.result
-    robot = made.robot
+    robot = made
     assert len(made.watched) and made.margin == 0.002
     assert re.fullmatch(r"[\w.+-]{1,100}", robot.name)
-    numbers = [made.robot.anchor, made.robot.base_rotation]
+    numbers = [made.anchor, made.base_rotation]
     for joint in robot.joints:
         numbers += [joint.rotation, joint.translation, [joint.lower, joint.upper]]
         assert -100 <= joint.lower < joint.upper <= 100 and 0 <= joint.velocity < math.inf
@@ -89,9 +89,9 @@ def _robots() -> list[Files]:
 
 
 def _settings(folder: Path) -> Any:
-    from s3le import machine
+    from s3le.robot.robot import Robot
 
-    return machine.read(folder)
+    return Robot.read(folder)
 
 
 def _settings_owe(it: Reading) -> None:

@@ -11,7 +11,7 @@ from worlds import coman
 
 from s3le.following import Follower
 from s3le.kernels import batch
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.safety.paths import CERTIFIED, Prover
 
 ROOM = 1e-6  # [m], kept beyond the margin: kernels and coal agree to 1e-7
@@ -28,10 +28,10 @@ def follow_by(cls) -> Follower:
 class Plain:
     """Implements s3le.following.Retargets, and is its own only stream."""
 
-    def __init__(self, machine: Machine, margin_between: float = 0.0005) -> None:
-        self.machine, self.settings = machine, SimpleNamespace(between=margin_between)
-        self.speed = np.array([joint.velocity for joint in machine.robot.joints])
-        self._prover = Prover(machine, margin_between)
+    def __init__(self, robot: Robot, margin_between: float = 0.0005) -> None:
+        self.robot, self.settings = robot, SimpleNamespace(between=margin_between)
+        self.speed = np.array([joint.velocity for joint in robot.joints])
+        self._prover = Prover(robot, margin_between)
         self._q = None
 
     def start(self, q=None):
@@ -39,12 +39,12 @@ class Plain:
         return self
 
     def step(self, x, dt):
-        machine = self.machine
-        robot, chain = machine.robot, machine.chain
+        robot = self.robot
+        chain = robot.chain
         here = robot.anchor if self._q is None else self._q
         middle = (robot.lower + robot.upper) / 2
         starts = np.stack([here, robot.anchor])[None]
-        found = batch.follow(chain, x[None], starts, middle, 1e-3, machine.margin + ROOM, True)
+        found = batch.follow(chain, x[None], starts, middle, 1e-3, robot.margin + ROOM, True)
         want = found.q[0] if found.feasible[0] else here
         if self._q is None:
             self._q = want
@@ -52,7 +52,7 @@ class Plain:
         share, mode = self._share(want - here, dt), 3
         for _ in range(6):
             target = np.clip(here + share * (want - here), robot.lower, robot.upper)
-            clear = batch.clearances(chain, target[None])[0] >= machine.margin + ROOM
+            clear = batch.clearances(chain, target[None])[0] >= robot.margin + ROOM
             if clear and self._prover.step(here, target).status == CERTIFIED:
                 mode = 1 if share == 1.0 else 2
                 self._q = target
@@ -77,10 +77,10 @@ class Reckless(Plain):
     """The same without any guard: it jumps to where the human is."""
 
     def step(self, x, dt):
-        robot = self.machine.robot
+        robot = self.robot
         middle = (robot.lower + robot.upper) / 2
         starts = robot.anchor[None, None]
         found = batch.follow(
-            self.machine.chain, x[None], starts, middle, 1e-3, self.machine.margin, False
+            self.robot.chain, x[None], starts, middle, 1e-3, self.robot.margin, False
         )
         return SimpleNamespace(q=np.clip(found.q[0], robot.lower, robot.upper), mode=1)

@@ -18,7 +18,7 @@ from s3le.kernels.solver import clearance_of, minimise, restore
 from s3le.robot import certificate
 from s3le.robot.certificate import PER_METRE
 from s3le.robot.chain import Chain
-from s3le.robot.model import Robot
+from s3le.robot.model import Geometry
 
 BAND = 0.1  # [m], pairs farther than this over the margin do not enter a quadratic program
 SLACK = 1e-6  # [m], aimed for beyond the margin
@@ -38,7 +38,7 @@ class Nearest(NamedTuple):
 class OneByOne:
     """Both projections for one robot; holds pinocchio's scratch space, so one per thread."""
 
-    def __init__(self, robot: Robot, watched: np.ndarray, margin: float) -> None:
+    def __init__(self, robot: Geometry, watched: np.ndarray, margin: float) -> None:
         """Build the collision model.
 
         Args:
@@ -57,7 +57,7 @@ class OneByOne:
         self._points, self._base = robot.points, robot.base_rotation
         self._moves = np.zeros((robot.n_dof + 1, robot.n_dof), bool)
         for joint in range(robot.n_dof):
-            self._moves[joint + 1, robot.chain(joint)] = True
+            self._moves[joint + 1, robot.path_to(joint)] = True
 
     def blend(self, q: np.ndarray) -> Nearest:
         """Clip q (n_dof,) [rad]; while bodies collide, move all joints that carry them.

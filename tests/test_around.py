@@ -30,10 +30,10 @@ def blocked(count=30, most=1.5):
 
 def seek(q, want, starts, turn):
     made = coman()
-    way = np.full((2, made.robot.n_dof), np.nan)
+    way = np.full((2, made.n_dof), np.nan)
     left = around.seek(
         made.chain, swept(made.chain), segment.scratch(made.chain), q, want, starts,
-        made.robot.anchor, DEFAULT.rule(made), turn, way,
+        made.anchor, DEFAULT.rule(made), turn, way,
     )  # fmt: skip
     return left, way
 
@@ -61,8 +61,8 @@ def test_most_blocks_have_a_way_and_all_of_it_is_clear():
 
 def test_what_cannot_be_gone_by_is_passed_over():
     made, (q, want) = coman(), blocked()[0]
-    outside = np.full((4, made.robot.n_dof), 9.0)
-    nothing = np.full((4, made.robot.n_dof), np.nan)
+    outside = np.full((4, made.n_dof), 9.0)
+    nothing = np.full((4, made.n_dof), np.nan)
     for starts in (outside, nothing):
         left, way = seek(q, want, starts, 10)  # the proposals' turn
         assert left == 0 and np.isnan(way).all()
@@ -70,9 +70,9 @@ def test_what_cannot_be_gone_by_is_passed_over():
 
 def test_opening_an_arm_leaves_the_rest():
     made, (pool, _) = coman(), stored()
-    out = np.empty(made.robot.n_dof)
+    out = np.empty(made.n_dof)
     for group, prefix in ((1, "R"), (2, "L")):
-        assert around.opened(made.chain, pool[0], made.robot.anchor, group, 0.5, out)
-        half = 0.5 * (pool[0] + made.robot.anchor)
-        for i, name in enumerate(made.robot.joint_names):
+        assert around.opened(made.chain, pool[0], made.anchor, group, 0.5, out)
+        half = 0.5 * (pool[0] + made.anchor)
+        for i, name in enumerate(made.joint_names):
             assert np.isclose(out[i], (half if name.startswith(prefix) else pool[0])[i])

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import MARGIN, coman, inside_limits, relaxed, write_arms
 
-from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch
+from s3le.robot.robot import Robot
 from s3le.safety import paths
 from s3le.safety.audit import audit, certificate, demands, not_covered, tree
 from s3le.safety.paths import CERTIFIED, UNDECIDED
@@ -19,12 +19,12 @@ R_SHOULDER, R_ELBOW = 2, 3  # joints of the two-armed robot
 
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory):
-    return machine.make(write_arms(tmp_path_factory.mktemp("arms")), MARGIN, "midpoint")
+    return Robot.from_file(write_arms(tmp_path_factory.mktemp("arms")), MARGIN, "midpoint")
 
 
 def swaying(made, rows=40):
     """A motion that holds: one arm sways about the anchor."""
-    q = np.repeat(made.robot.anchor[None], rows, 0)
+    q = np.repeat(made.anchor[None], rows, 0)
     q[:, R_SHOULDER] += 0.2 * np.sin(np.arange(rows) / 8)
     return np.arange(rows) / RATE, q
 
@@ -48,13 +48,13 @@ def test_a_calm_motion_holds_and_says_by_how_much(arms):
 
 def test_a_limit_that_is_passed_is_found_and_named(arms):
     time, q = swaying(arms)
-    q[7, R_SHOULDER] = arms.robot.lower[R_SHOULDER] - 1e-9
+    q[7, R_SHOULDER] = arms.lower[R_SHOULDER] - 1e-9
     report = audit(arms, time, q, demands(arms, velocity=1e3))
     check = by_name(report)["limits"]
     assert not report.holds and check.broken == 1
     assert check.first.row == 7 and check.first.what == "r_shoulder"
     assert check.first.value == pytest.approx(-1e-9, rel=1e-6)
-    q[7, R_SHOULDER] = arms.robot.lower[R_SHOULDER]  # the end of the range belongs to it
+    q[7, R_SHOULDER] = arms.lower[R_SHOULDER]  # the end of the range belongs to it
     assert by_name(audit(arms, time, q, demands(arms)))["limits"].broken == 0
 
 
@@ -72,7 +72,7 @@ def test_a_joint_that_is_too_fast_is_found_and_the_limit_can_be_set(arms):
 
 
 def test_an_arm_that_jumps_through_the_trunk_between_two_clear_poses_is_found(arms):
-    q = np.repeat(arms.robot.anchor[None], 3, 0)
+    q = np.repeat(arms.anchor[None], 3, 0)
     q[1:, R_SHOULDER] = 3.0
     time = np.array([0.0, 2.0, 4.0])
     report = audit(arms, time, q, demands(arms))
@@ -90,7 +90,7 @@ def test_an_arm_that_jumps_through_the_trunk_between_two_clear_poses_is_found(ar
 
 def test_what_is_not_decided_is_not_a_yes():
     made = coman()
-    q = batch.project(made.chain, made.robot.anchor, relaxed(made, 40, 5), MARGIN).q
+    q = batch.project(made.chain, made.anchor, relaxed(made, 40, 5), MARGIN).q
     small = paths.certify(made, q, MARGIN / 4, 0).status
     whole = paths.certify(made, q, MARGIN / 4).status
     row = int(np.flatnonzero((small == UNDECIDED) & (whole == CERTIFIED))[0])
@@ -163,7 +163,7 @@ def test_a_urdf_without_speeds_asks_for_none(tmp_path):
     from worlds import ARMS_URDF
 
     urdf = ARMS_URDF.replace('velocity="4"', 'velocity="0"')
-    made = machine.make(write_arms(tmp_path, urdf=urdf), MARGIN, "midpoint")
+    made = Robot.from_file(write_arms(tmp_path, urdf=urdf), MARGIN, "midpoint")
     assert np.isinf(demands(made).velocity).all()
 
 
@@ -182,7 +182,7 @@ def test_pairs_that_nothing_is_said_about_are_listed_with_the_reason():
     joint=st.integers(0, 3),
 )
 def test_one_bad_number_anywhere_is_never_certified(arms, seed, bad, at, joint):
-    q = batch.project(arms.chain, arms.robot.anchor, relaxed(arms, 1, seed), MARGIN).q
+    q = batch.project(arms.chain, arms.anchor, relaxed(arms, 1, seed), MARGIN).q
     q = np.repeat(q, 6, 0)
     time = np.arange(6.0)
     assert audit(arms, time, q, demands(arms)).holds

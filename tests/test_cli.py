@@ -44,7 +44,7 @@ def alone(*words, given=None):
 
 
 def motion(rows=20, **more):
-    robot = coman().robot
+    robot = coman()
     q = np.repeat(robot.anchor[None], rows, 0)
     q[:, 3] += 0.3 * np.sin(np.arange(rows) / 10)
     return trajectory.make("m", robot.joint_names, np.arange(rows) / 30, q, **more)
@@ -60,8 +60,8 @@ def good(tmp_path):
 def bad(tmp_path):
     """Feasible poses, and paths between them that go through a body."""
     made = coman()
-    q = batch.project(made.chain, made.robot.anchor, relaxed(made, 20, 5), made.margin).q
-    made = trajectory.make("m", made.robot.joint_names, 5.0 * np.arange(20), q)
+    q = batch.project(made.chain, made.anchor, relaxed(made, 20, 5), made.margin).q
+    made = trajectory.make("m", made.joint_names, 5.0 * np.arange(20), q)
     files.write(made, tmp_path / "bad.csv")
     return tmp_path / "bad.csv"
 
@@ -193,16 +193,16 @@ def test_columns_without_names_are_named_on_the_command_line_or_in_a_file(tmp_pa
 
 def test_rows_between_frames_are_held_to_what_the_path_keeps_unless_told_otherwise(tmp_path):
     made = coman()
-    found = batch.project(made.chain, made.robot.anchor, relaxed(made, 60, 8), 0.0012).q
+    found = batch.project(made.chain, made.anchor, relaxed(made, 60, 8), 0.0012).q
     clearance = made.certifier().check(found).clearance
     q = np.repeat(found[(clearance > 0.0011) & (clearance < 0.0019)][:1], 3, 0)
     mode = np.array(["between", "between", "between"])
-    one = trajectory.make("m", made.robot.joint_names, np.arange(3) / 30, q, mode=mode)
+    one = trajectory.make("m", made.joint_names, np.arange(3) / 30, q, mode=mode)
     files.write(one, tmp_path / "a.parquet")
     said = run("audit", tmp_path / "a.parquet", *ROBOT)
     assert said.exit_code == shell.OK and "3 rows lie between two frames" in said.output
     assert run("audit", tmp_path / "a.parquet", *ROBOT, "--margin", 0.002).exit_code == shell.BROKEN
-    files.write(trajectory.make("m", made.robot.joint_names, one.time, q), tmp_path / "b.parquet")
+    files.write(trajectory.make("m", made.joint_names, one.time, q), tmp_path / "b.parquet")
     assert run("audit", tmp_path / "b.parquet", *ROBOT).exit_code == shell.BROKEN
 
 
@@ -220,11 +220,10 @@ def test_in_a_process_of_its_own(good, bad, tmp_path):
 
 
 def test_a_robot_is_a_folder_a_file_or_a_name(tmp_path, monkeypatch):
-    from s3le import machine
 
-    machine.write(coman(), tmp_path / "export" / "robot")
+    coman().write(tmp_path / "export" / "robot")
     for given in (tmp_path / "export", tmp_path / "export" / "robot", ROBOT[1], "coman"):
-        assert shell.robot(str(given)).robot.digest == coman().robot.digest
+        assert shell.robot(str(given)).robot.digest == coman().digest
     monkeypatch.chdir(tmp_path)
     assert shell.robot(None).robot.name == "coman"
     with pytest.raises(RobotError, match="no robot 'nobody'.* coman"):
@@ -258,7 +257,7 @@ def test_each_clip_becomes_a_certified_file_and_a_summary(tmp_path, retargeter):
     audited = run("audit", *paths, *ROBOT)
     assert audited.exit_code == shell.OK and "6 of 6 files hold" in audited.output
     back = files.read(out / "one.parquet")
-    assert back.about["robot_hash"] == coman().robot.digest
+    assert back.about["robot_hash"] == coman().digest
     assert back.about["certificate"]["paths"]["proven"] == 11
 
 
@@ -369,7 +368,7 @@ def test_without_a_model_it_says_what_is_missing(tmp_path):
 
 
 def frame():
-    x = batch.skeletons(coman().chain, coman().robot.anchor[None])[0]
+    x = batch.skeletons(coman().chain, coman().anchor[None])[0]
     return json.dumps({"x": x.tolist(), "dt": 0.05})
 
 
@@ -377,7 +376,7 @@ def test_a_stream_on_standard_input(retargeter):
     said = run("stream", given=f"{frame()}\nnonsense\n{frame()}\n")
     assert said.exit_code == shell.OK, said.output
     lines = [json.loads(line) for line in said.stdout.splitlines()]
-    assert lines[0]["joints"] == coman().robot.joint_names
+    assert lines[0]["joints"] == coman().joint_names
     assert len(lines[1]["q"]) == 11 and lines[2]["line"] == 2 and "error" in lines[2]
     assert lines[3]["t"] == pytest.approx(0.1 + 1 / 30)
 

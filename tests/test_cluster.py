@@ -11,8 +11,8 @@ import pytest
 from toys import Toy
 from worlds import coman
 
-from s3le import machine
 from s3le.errors import EngineError, RobotError
+from s3le.robot.robot import Robot
 from s3le.tuples.engine import key, run
 from s3le.tuples.shards import TupleShards
 
@@ -88,9 +88,9 @@ def test_no_cluster_is_one_line(tmp_path):
 
 def test_a_machine_that_is_lost_in_mid_run_costs_no_row(cluster, tmp_path):
     """Real tuples; one of the two machines is unplugged as soon as the first shard is there."""
-    machine.write(coman(), tmp_path / "robot")
+    coman().write(tmp_path / "robot")
     task = TupleShards(
-        files=machine.carried(tmp_path / "robot"), seed=7, shard_rows=500, device="cpu",
+        files=Robot.read(tmp_path / "robot").to_bytes(), seed=7, shard_rows=500, device="cpu",
         sampler="uniform", alpha=0.2, renormalise_mix=False,
     )  # fmt: skip
 

@@ -36,11 +36,11 @@ def follower(cls=Plain):
 
 
 def holds(made, margins=None):
-    machine = coman()
-    wanted = audit.demands(machine)
+    robot = coman()
+    wanted = audit.demands(robot)
     q = made.trajectory.q
     at_rows = np.where(made.trajectory.mode == "between", wanted.margin_between, wanted.margin)
-    return audit.audit(machine, made.trajectory.time, q, wanted, at_rows).holds
+    return audit.audit(robot, made.trajectory.time, q, wanted, at_rows).holds
 
 
 # --- clips as frames
@@ -101,11 +101,11 @@ def test_what_comes_out_holds_and_is_described(wave):
     frames = read_frames(wave, "midpoint")
     made = clip.convert(follower(), frames, about={"model": "plain"})
     motion, summary = made
-    assert motion.joints == tuple(coman().robot.joint_names) and holds(made)
+    assert motion.joints == tuple(coman().joint_names) and holds(made)
     assert motion.time == pytest.approx(frames.time, abs=0)
     assert motion.mode[0] == "start" and set(motion.mode) <= {"start", "reached", "slowed", "held"}
     assert motion.clearance == pytest.approx(coman().certifier().check(motion.q).clearance, abs=0)
-    assert motion.about["robot_hash"] == coman().robot.digest and motion.about["model"] == "plain"
+    assert motion.about["robot_hash"] == coman().digest and motion.about["model"] == "plain"
     assert motion.about["certificate"]["holds"]
     assert len(motion.about["certificate"]["not_covered"]) == 20
     assert summary["to_human"]["mean"] < 0.05
@@ -149,7 +149,7 @@ def test_a_lead_in_begins_at_the_anchor_and_is_marked(wave):
     frames = read_frames(wave, "midpoint")
     made = clip.convert(follower(), frames, lead_in=1.0, rate=100.0)
     motion = made.trajectory
-    assert (motion.q[0] == coman().robot.anchor).all() and motion.time[0] == 0.0
+    assert (motion.q[0] == coman().anchor).all() and motion.time[0] == 0.0
     assert motion.mode[0] == "start" and holds(made)
     lead = motion.mode == "lead_in"
     assert motion.time[lead].max() == pytest.approx(1.0, abs=0.04)

@@ -149,8 +149,8 @@ def test_a_summary_is_mean_and_ninetieth_percentile():
 def test_relaxed_rows_take_no_part_only_their_projections():
     made = coman()
     pool = draw_pool(made, "uniform", 200, 2.0, 3)
-    assert (pool.q >= made.robot.lower).all() and (pool.q <= made.robot.upper).all()
-    assert not (relaxed(made, 200, 1, 2.0) <= made.robot.upper).all()
+    assert (pool.q >= made.lower).all() and (pool.q <= made.upper).all()
+    assert not (relaxed(made, 200, 1, 2.0) <= made.upper).all()
 
 
 def test_the_table_of_a_run_has_every_sampler_with_and_without_pairs_and_the_pairs_alone():

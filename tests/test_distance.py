@@ -22,13 +22,13 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine
 from s3le.errors import CertificateError
 from s3le.kernels import batch
 from s3le.kernels.distance import nearest_on_segments, separation
 from s3le.robot import certificate as certifier
 from s3le.robot import chain
 from s3le.robot.certificate import PER_METRE, Certifier
+from s3le.robot.robot import Robot
 from s3le.tuples.certified import certificate
 
 GEOMETRY = 1e-9  # [m], kernel against coal
@@ -137,7 +137,8 @@ SHAPES = {
 
 @pytest.mark.parametrize("shapes", SHAPES.values(), ids=SHAPES)
 def test_clearance_of_other_shapes_is_coal_s_on_the_capsules_that_contain_them(tmp_path, shapes):
-    made = machine.make(write_arms(tmp_path, urdf=edited(ARMS_URDF, *shapes)), MARGIN, "midpoint")
+    file = write_arms(tmp_path, urdf=edited(ARMS_URDF, *shapes))
+    made = Robot.from_file(file, MARGIN, "midpoint")
     q = inside_limits(made, 200, 3)
     theirs = made.certifier().check(q)
     assert np.allclose(batch.clearances(made.chain, q), theirs.clearance, rtol=0, atol=GEOMETRY)
@@ -148,7 +149,8 @@ def test_a_box_upside_down_is_placed_where_the_kernels_place_it(tmp_path, short_
     lower = ('<collision><origin xyz="0 0 -0.125"/>',
              f'<collision><origin xyz="0 0 -0.125" rpy="{np.pi - short_of!r} 0 0"/>')  # fmt: skip
     box = ('<capsule radius="0.03" length="0.15"/>', '<box size="0.04 0.04 0.2"/>')
-    made = machine.make(write_arms(tmp_path, urdf=edited(ARMS_URDF, lower, box)), MARGIN, "joint")
+    file = write_arms(tmp_path, urdf=edited(ARMS_URDF, lower, box))
+    made = Robot.from_file(file, MARGIN, "joint")
     q = inside_limits(made, 50, 9)
     theirs = made.certifier().check(q)
     assert np.allclose(batch.clearances(made.chain, q), theirs.clearance, rtol=0, atol=GEOMETRY)
@@ -177,8 +179,8 @@ def test_gradients_are_the_slopes_of_the_distances_away_from_kinks():
     compared = total = 0
     for pose in inside_limits(made, 10, 6):
         d, G = pair_distances(made, pose, everything)
-        for joint in range(made.robot.n_dof):
-            shift = step * np.eye(made.robot.n_dof)[joint]
+        for joint in range(made.n_dof):
+            shift = step * np.eye(made.n_dof)[joint]
             ahead, _ = pair_distances(made, pose + shift, everything)
             back, _ = pair_distances(made, pose - shift, everything)
             # A kink or a meeting of segments shows as a second difference; there is no slope.
@@ -191,7 +193,7 @@ def test_gradients_are_the_slopes_of_the_distances_away_from_kinks():
 
 def test_a_joint_that_carries_both_bodies_does_not_enter_their_gradient():
     made = coman()
-    waist = [made.robot.joint_names.index(f"Waist{way}") for way in ("Lat", "Sag", "Yaw")]
+    waist = [made.joint_names.index(f"Waist{way}") for way in ("Lat", "Sag", "Yaw")]
     kinds = [p.kind for p in made.pairs if p.reason == "watched"]
     arms = np.array([kind in ("limb-limb", "within a limb") for kind in kinds])
     d, G = pair_distances(made, inside_limits(made, 1, 7)[0], 100.0)
@@ -206,8 +208,8 @@ def test_a_joint_that_carries_both_bodies_does_not_enter_their_gradient():
 def both_clearances(made, a, b, q):
     """Clearance of bodies a and b alone at poses q [m]: by the kernels, and by the certifier."""
     watched = np.array([[a, b]])
-    ours = batch.clearances(chain.build(made.robot, watched, made.neck), q)
-    return ours, Certifier(made.robot, watched).check(q).clearance
+    ours = batch.clearances(chain.build(made, watched, made.neck), q)
+    return ours, Certifier(made, watched).check(q).clearance
 
 
 def two_capsules(folder, A, B, r1, r2):
@@ -215,12 +217,12 @@ def two_capsules(folder, A, B, r1, r2):
     box = '<box size="0.1 0.1 0.1"/>'
     trunk, upper = '<capsule radius="0.1" length="0.3"/>', '<capsule radius="0.04" length="0.2"/>'
     urdf = edited(ARMS_URDF, (trunk, box), (upper, box), (upper, box))
-    made = machine.make(write_arms(folder, urdf=urdf), MARGIN, "midpoint")
-    base, arm, *others = made.robot.bodies
-    B = B - made.robot.joints[arm.joint].translation
+    made = Robot.from_file(write_arms(folder, urdf=urdf), MARGIN, "midpoint")
+    base, arm, *others = made.bodies
+    B = B - made.joints[arm.joint].translation
     base, arm = base._replace(a=A[0], b=A[1], radius=r1), arm._replace(a=B[0], b=B[1], radius=r2)
-    assert base.joint == -1 and made.robot.joints[arm.joint].parent == -1
-    return replace(made, robot=replace(made.robot, bodies=(base, arm, *others)))
+    assert base.joint == -1 and made.joints[arm.joint].parent == -1
+    return replace(made, robot=replace(made, bodies=(base, arm, *others)))
 
 
 @pytest.mark.parametrize("kind", SEGMENT_PAIRS)
@@ -265,15 +267,15 @@ def test_the_unit_of_length_changes_no_digit_elsewhere(monkeypatch):
 
 
 def test_the_certificate_agrees_on_arms_nearly_parallel_touching_and_nested(tmp_path):
-    made = machine.make(write_arms(tmp_path), MARGIN, "midpoint")
-    names = [body.name for body in made.robot.bodies]
+    made = Robot.from_file(write_arms(tmp_path), MARGIN, "midpoint")
+    names = [body.name for body in made.bodies]
     right, left = names.index("r_lower_0"), names.index("l_lower_0")
     rng = np.random.default_rng(13)
     q = inside_limits(made, 20_000, 14)
     askew = rng.choice([-1.0, 1.0], len(q)) * 10.0 ** rng.uniform(-12, -3, len(q))  # [rad]
     q[::10] = [0.5, 0.5, -0.5, -0.5]  # folded across each other
     q[:, 3] = q[:, 0] + q[:, 1] - q[:, 2] + askew  # the forearms point the same way, almost
-    q = q[((q >= made.robot.lower) & (q <= made.robot.upper)).all(axis=1)]
+    q = q[((q >= made.lower) & (q <= made.upper)).all(axis=1)]
     ours, theirs = both_clearances(made, right, left, q)
     assert np.allclose(ours, theirs, rtol=0, atol=AGREEMENT)
     assert len(q) > 5000 and ours.min() < -0.05 and ours.max() > 0.1
@@ -282,7 +284,7 @@ def test_the_certificate_agrees_on_arms_nearly_parallel_touching_and_nested(tmp_
 
 def test_the_certificate_agrees_on_coman_with_limbs_that_mirror_each_other():
     made = coman()
-    names = made.robot.joint_names
+    names = made.joint_names
     rng = np.random.default_rng(15)
     q = inside_limits(made, 3000, 16)
     q[:1500] = 0.0  # arms along the legs: upright segments side by side, hands in the thighs
@@ -298,7 +300,7 @@ def test_the_certificate_agrees_on_coman_with_limbs_that_mirror_each_other():
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf], ids=str)
 def test_a_pose_that_is_not_finite_has_no_clearance_and_no_certificate(bad):
     made = coman()
-    q = np.tile(made.robot.anchor, (3, 1))
+    q = np.tile(made.anchor, (3, 1))
     q[1, 4] = bad
     clearance = batch.clearances(made.chain, q)
     assert np.isnan(clearance).tolist() == [False, True, False]
@@ -315,11 +317,11 @@ def test_a_pose_that_is_not_finite_has_no_clearance_and_no_certificate(bad):
 
 def test_a_pose_outside_its_limits_is_refused_by_joint_and_passes_within():
     made = coman()
-    joint = made.robot.joint_names.index("LElbj")
-    q = made.robot.anchor[None].copy()
-    q[0, joint] = made.robot.upper[joint]
+    joint = made.joint_names.index("LElbj")
+    q = made.anchor[None].copy()
+    q[0, joint] = made.upper[joint]
     assert certificate(made, q)["limit_margin"] == pytest.approx(0.0, abs=0.0)
-    q[0, joint] = np.nextafter(made.robot.upper[joint], 1.0)
+    q[0, joint] = np.nextafter(made.upper[joint], 1.0)
     with pytest.raises(CertificateError) as refusal:
         certificate(made, q)
     assert str(refusal.value) == (
@@ -350,5 +352,5 @@ def test_the_named_pair_is_the_closest_one():
 
 def test_progress_of_a_check_adds_up_to_its_rows():
     made, done = coman(), []
-    made.certifier().check(np.tile(made.robot.anchor, (1203, 1)), done.append)
+    made.certifier().check(np.tile(made.anchor, (1203, 1)), done.append)
     assert sum(done) == 1203

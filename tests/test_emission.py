@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import MARGIN, relaxed, write_arms
 
-from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.motion.rates import as_given, at_rate
+from s3le.robot.robot import Robot
 from s3le.safety.paths import CERTIFIED, certify
 
 BETWEEN = 0.0005
@@ -17,16 +17,16 @@ BETWEEN = 0.0005
 
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory):
-    return machine.make(write_arms(tmp_path_factory.mktemp("arms")), MARGIN, "midpoint")
+    return Robot.from_file(write_arms(tmp_path_factory.mktemp("arms")), MARGIN, "midpoint")
 
 
 def walk(made, seed, rows=30, size=0.1):
     """A certified random walk, much of it close to a collision."""
-    q = [batch.project(made.chain, made.robot.anchor, relaxed(made, 1, seed), MARGIN).q[0]]
+    q = [batch.project(made.chain, made.anchor, relaxed(made, 1, seed), MARGIN).q[0]]
     rng = np.random.default_rng(seed)
     while len(q) < rows:
-        want = q[-1] + rng.uniform(-size, size, made.robot.n_dof)
-        want = batch.project(made.chain, made.robot.anchor, want[None], MARGIN).q[0]
+        want = q[-1] + rng.uniform(-size, size, made.n_dof)
+        want = batch.project(made.chain, made.anchor, want[None], MARGIN).q[0]
         good = certify(made, np.array([q[-1], want]), BETWEEN).status[0] == CERTIFIED
         q.append(want if good else q[-1])
     return np.arange(rows) / 30.0, np.array(q)
@@ -45,7 +45,7 @@ def test_every_row_lies_on_the_path_and_every_step_is_proven(arms, seed, rate, g
     assert made.q == pytest.approx(on_path(time, q, made.time), abs=1e-9)
     assert (certify(arms, made.q, BETWEEN).status == CERTIFIED).all()
     assert (np.diff(made.time) > 0).all() and np.diff(made.time).max() <= (1 + 1e-9) / rate
-    low, high = arms.robot.lower, arms.robot.upper
+    low, high = arms.lower, arms.upper
     assert ((made.q >= low) & (made.q <= high)).all()
     on = made.corner >= 0
     assert (made.q[on] == q[made.corner[on]]).all()
@@ -71,7 +71,7 @@ def test_without_the_proof_of_cut_corners_collisions_get_in(arms, monkeypatch):
         three = relaxed(arms, 3, int(rng.integers(1 << 31)), 0.0)
         three[1] = three[0] + rng.uniform(-1, 1, 4)
         three[2] = three[1] + rng.uniform(-1, 1, 4)
-        three = batch.project(arms.chain, arms.robot.anchor, three, MARGIN).q
+        three = batch.project(arms.chain, arms.anchor, three, MARGIN).q
         if (certify(arms, three, BETWEEN).status == CERTIFIED).all() and (
             certify(arms, three[[0, 2]], BETWEEN).status[0] != CERTIFIED
         ):

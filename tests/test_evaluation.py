@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from worlds import MARGIN, write_arms
 
-from s3le import machine
 from s3le.kernels.threads import use_threads
 from s3le.robot.certificate import Certifier, Report
+from s3le.robot.robot import Robot
 from s3le.safety import paths
 from s3le.study import evaluation
 from s3le.study.evaluation import Between, Scored, between, score, summary
@@ -72,13 +72,13 @@ MOTION = [  # clip, frame, right shoulder; the left arm stays aside
 
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory):
-    return machine.make(write_arms(tmp_path_factory.mktemp("arms")), MARGIN, "midpoint")
+    return Robot.from_file(write_arms(tmp_path_factory.mktemp("arms")), MARGIN, "midpoint")
 
 
 def moved(arms):
     """What lies between the frames of MOTION, and the figures of it."""
     clip, frame, shoulder = map(np.array, zip(*MOTION, strict=True))
-    assert arms.robot.joint_names[2] == "r_shoulder"
+    assert arms.joint_names[2] == "r_shoulder"
     q = np.stack([1.5 + 0 * shoulder, 0 * shoulder, shoulder, 0 * shoulder], axis=1)
     report = arms.certifier().check(q)
     assert (report.clearance >= MARGIN).tolist() == (shoulder != INTO_THE_BODY).tolist()

@@ -12,7 +12,7 @@ from handmade import broken, bvh, deepmimic, write
 from typer.testing import CliRunner
 from worlds import ARMS_URDF, ARMS_YAML, MARGIN, ROBOTS, coman, edited, write_arms
 
-from s3le import following, machine
+from s3le import following
 from s3le.cli.main import app
 from s3le.cli.retarget import Tool
 from s3le.errors import ParameterError, RobotError, S3leError, TrajectoryError
@@ -23,6 +23,7 @@ from s3le.motion.fit import fit
 from s3le.retarget import clip
 from s3le.robot import model
 from s3le.robot.certificate import point_positions
+from s3le.robot.robot import Robot
 
 ROBOT = ["--robot", str(ROBOTS / "coman.yaml")]
 ALGEBRA = 1e-12
@@ -73,7 +74,7 @@ ORDER = ("lift", "r_shoulder", "r_elbow", "l_shoulder", "l_elbow", "spin", "grip
 def crowded(tmp_path_factory):
     """The robot with joints of every kind."""
     folder = tmp_path_factory.mktemp("crowded")
-    return machine.make(write_arms(folder, CROWDED_YAML, CROWDED_URDF), MARGIN, "midpoint")
+    return Robot.from_file(write_arms(folder, CROWDED_YAML, CROWDED_URDF), MARGIN, "midpoint")
 
 
 def moving(robot, rows=6, fps=50.0, **more):
@@ -94,7 +95,7 @@ def run(*words):
 
 
 def test_joints_are_the_urdfs_in_its_order_with_their_units(crowded):
-    robot = crowded.robot
+    robot = crowded
     found = whole.joints(robot)
     assert tuple(joint.name for joint in found.joints) == ORDER
     assert [joint.unit for joint in found.joints] == ["m"] + ["rad"] * 6
@@ -118,26 +119,26 @@ def test_joints_are_the_urdfs_in_its_order_with_their_units(crowded):
 
 @pytest.mark.parametrize("suffix", files.WRITTEN)
 def test_a_whole_robots_file_comes_back_and_fits(tmp_path, crowded, suffix):
-    one = moving(crowded.robot)
-    files.write(whole.complete(one, crowded.robot, whole.joints(crowded.robot)),
+    one = moving(crowded)
+    files.write(whole.complete(one, crowded, whole.joints(crowded)),
                 tmp_path / f"a{suffix}")  # fmt: skip
     back = files.read(tmp_path / f"a{suffix}")
     assert back.joints == ORDER and back.heading.tobytes() == one.heading.tobytes()
     assert trajectory.unit(back, "lift") == "m" and trajectory.unit(back, "spin") == "rad"
-    fitted = fit(back, crowded.robot)
+    fitted = fit(back, crowded)
     assert (fitted.trajectory.q == one.q).all() and fitted.notes == []
     degrees = trajectory.make("d", ORDER, back.time, np.where(
         np.array(ORDER) == "lift", back.q, np.rad2deg(back.q)))  # fmt: skip
-    assert fit(degrees, crowded.robot, True).trajectory.q == pytest.approx(one.q, abs=ALGEBRA)
+    assert fit(degrees, crowded, True).trajectory.q == pytest.approx(one.q, abs=ALGEBRA)
 
 
 def test_a_held_joint_that_has_moved_is_refused_in_its_unit(crowded):
-    made = whole.complete(moving(crowded.robot), crowded.robot, whole.joints(crowded.robot))
+    made = whole.complete(moving(crowded), crowded, whole.joints(crowded))
     q = np.array(made.q)
     q[3, 0] = 0.4
     moved = trajectory.make("m", made.joints, made.time, q)
     with pytest.raises(TrajectoryError, match=r"row 3: lift is 0.4 m, but .* holds it at 0.25"):
-        fit(moved, crowded.robot)
+        fit(moved, crowded)
 
 
 def test_a_joint_that_nobody_put_within_its_range_is_refused(tmp_path):
@@ -155,10 +156,10 @@ def about_z(angles):
 
 
 def test_the_roots_quaternions_are_heading_times_base(crowded):
-    base, heading = root.find(crowded.robot), np.linspace(-9.0, 9.0, 400)
+    base, heading = root.find(crowded), np.linspace(-9.0, 9.0, 400)
     turn = root.turned(base, heading)  # x y z w
     made = from_quaternion(turn[:, [3, 0, 1, 2]])
-    assert made == pytest.approx(about_z(heading) @ crowded.robot.base_rotation, abs=ALGEBRA)
+    assert made == pytest.approx(about_z(heading) @ crowded.base_rotation, abs=ALGEBRA)
     assert ((turn[1:] * turn[:-1]).sum(axis=1) > 0.9).all()  # no jumps in sign
     assert base.link == "base"
 
@@ -201,7 +202,7 @@ def test_the_base_is_so_high_that_the_lowest_body_touches_the_ground(tmp_path, s
 
 def test_comans_soles_are_on_the_ground():
     """By MuJoCo's reading of the URDF: corners of boxes, ends of capsules, all joints at zero."""
-    it = mujoco.MjModel.from_xml_string(coman().robot.description.urdf.read_text())
+    it = mujoco.MjModel.from_xml_string(coman().description.urdf.read_text())
     data = mujoco.MjData(it)
     mujoco.mj_kinematics(it, data)
     is_box, is_capsule = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -212,12 +213,12 @@ def test_comans_soles_are_on_the_ground():
         up, size = data.geom_xmat[geom].reshape(3, 3)[2], it.geom_size[geom]
         reach = (up * size) @ corners if kind == is_box else up[2] * size[1] * corners[2] - size[0]
         low.append(data.geom_xpos[geom, 2] + reach.min())
-    base = root.find(coman().robot)
+    base = root.find(coman())
     assert base.link == "base_link" and base.height == pytest.approx(-min(low), abs=1e-6)
-    assert root.find(coman().robot, 0.6).height == 0.6
+    assert root.find(coman(), 0.6).height == 0.6
     for wrong in (float("nan"), 11.0):
         with pytest.raises(ParameterError, match="root height must be within 10 m"):
-            root.find(coman().robot, wrong)
+            root.find(coman(), wrong)
 
 
 def played(robot, rows, free):
@@ -260,7 +261,7 @@ def ours(robot, q):
 
 
 def test_mujoco_plays_comans_files_by_the_order_of_their_columns(tmp_path):
-    robot = coman().robot
+    robot = coman()
     one = moving(robot)
     made = whole.complete(one, robot, whole.joints(robot))
     assert len(made.joints) == 29
@@ -278,7 +279,7 @@ def test_mujoco_plays_comans_files_by_the_order_of_their_columns(tmp_path):
 
 
 def test_mujoco_plays_joints_of_every_kind_on_a_turned_base(tmp_path, crowded):
-    robot, found = crowded.robot, whole.joints(crowded.robot)
+    robot, found = crowded, whole.joints(crowded)
     one = moving(robot)
     made = whole.numbered(whole.complete(one, robot, found), found)
     layouts.write(made, root.find(robot, 1.5), 50.0, "mjlab", tmp_path / "a.mjlab.csv")
@@ -290,7 +291,7 @@ def test_mujoco_plays_joints_of_every_kind_on_a_turned_base(tmp_path, crowded):
 
 
 def test_the_audit_certifies_every_file_of_such_a_robot(tmp_path, crowded):
-    robot, found = crowded.robot, whole.joints(crowded.robot)
+    robot, found = crowded, whole.joints(crowded)
     made = whole.complete(moving(robot), robot, found)
     paths = [tmp_path / f"a{suffix}" for suffix in files.WRITTEN]
     for path in paths:
@@ -354,7 +355,7 @@ def test_even_rows_fill_gaps_and_cut_no_corner_at_the_clips_own_rate(turning):
 
 def test_where_a_corner_cannot_be_cut_even_rows_are_refused_with_the_place(monkeypatch):
     it, time = coman(), np.arange(3) / 40
-    q = np.repeat(it.robot.anchor[None], 3, 0)
+    q = np.repeat(it.anchor[None], 3, 0)
     unproven = type("Unproven", (), {"status": np.full(1, -1)})
     monkeypatch.setattr("s3le.motion.rates.segments.certify", lambda *_: unproven)
     with pytest.raises(ParameterError, match=r"at an even 30 Hz 1 of .*, one at 0.0250 s; give a"):
@@ -388,7 +389,7 @@ def test_every_file_that_is_written_is_certified_by_the_audit(tmp_path, turning,
     (out / "turn.mjlab.csv.json").unlink()
     path = out / "turn.mjlab.csv"
     assert run("audit", path, *ROBOT).exit_code == 2
-    order = [joint.name for joint in whole.joints(coman().robot).joints]
+    order = [joint.name for joint in whole.joints(coman()).joints]
     said = run("audit", path, *ROBOT, "--fps", 50, "--joints", ",".join(order))
     assert said.exit_code == 0 and "1 of 1 files hold" in said.output
     rows = np.loadtxt(path, delimiter=",")
@@ -455,8 +456,8 @@ def test_a_clip_is_never_replaced_by_what_became_of_it(tmp_path, monkeypatch):
 
 
 def test_rows_that_are_not_at_the_rate_are_in_no_layout(tmp_path, crowded):
-    made = whole.complete(moving(crowded.robot), crowded.robot, whole.joints(crowded.robot))
-    base = root.find(crowded.robot)
+    made = whole.complete(moving(crowded), crowded, whole.joints(crowded))
+    base = root.find(crowded)
     for layout, fps, words in (("gmr", 49.0, "1 / 49 s apart"), ("bvh", 50.0, "no layout 'bvh'")):
         with pytest.raises(TrajectoryError, match=words):
             layouts.write(made, base, fps, layout, tmp_path / "a")
@@ -466,29 +467,29 @@ def test_rows_that_are_not_at_the_rate_are_in_no_layout(tmp_path, crowded):
 @pytest.mark.parametrize("layout", layouts.SUFFIX)
 def test_a_layouts_file_of_any_robot_is_read_by_itself(tmp_path, crowded, layout):
     mode = np.array(["start", "reached", "reached", "between", "reached", "held"])
-    found = whole.joints(crowded.robot)
-    made = whole.numbered(whole.complete(moving(crowded.robot, mode=mode), crowded.robot, found),
+    found = whole.joints(crowded)
+    made = whole.numbered(whole.complete(moving(crowded, mode=mode), crowded, found),
                           found)  # fmt: skip
     path = tmp_path / f"a{layouts.SUFFIX[layout]}"
-    layouts.write(made, root.find(crowded.robot), 50.0, layout, path)
+    layouts.write(made, root.find(crowded), 50.0, layout, path)
     back = files.read(path)
     assert back.joints == found.depth_first and back.mode.tolist() == mode.tolist()
     assert back.q.tobytes() == made.q.tobytes() and back.rate == pytest.approx(50.0)
-    assert (fit(back, crowded.robot).trajectory.q == moving(crowded.robot).q).all()
+    assert (fit(back, crowded).trajectory.q == moving(crowded).q).all()
 
 
 @pytest.mark.parametrize("name", ["a.gmr.npz", "a.mjlab.csv", "a.mjlab.csv.json"])
 def test_a_damaged_file_of_a_layout_is_read_or_refused_and_nothing_else(tmp_path, crowded, name):
     mode = np.array(["reached", "between"])[np.arange(20) % 2]
-    found = whole.joints(crowded.robot)
-    made = whole.complete(moving(crowded.robot, 20, mode=mode), crowded.robot, found)
+    found = whole.joints(crowded)
+    made = whole.complete(moving(crowded, 20, mode=mode), crowded, found)
     for layout, suffix in layouts.SUFFIX.items():
-        layouts.write(made, root.find(crowded.robot), 50.0, layout, tmp_path / f"a{suffix}")
+        layouts.write(made, root.find(crowded), 50.0, layout, tmp_path / f"a{suffix}")
     for copy in broken((tmp_path / name).read_bytes(), 100, 5):
         (tmp_path / name).write_bytes(copy)
         try:
             back = files.read(tmp_path / name.removesuffix(".json"))
-            fit(back, crowded.robot)
+            fit(back, crowded)
         except S3leError as refusal:
             assert "\n" not in str(refusal)
         else:

@@ -20,7 +20,6 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine
 from s3le.errors import ParameterError
 from s3le.gpu import batch as gpu
 from s3le.gpu import distance, kinematics
@@ -29,6 +28,7 @@ from s3le.gpu.start import blend, nearest_rows
 from s3le.kernels import batch, solver
 from s3le.kernels.batch import FALLBACK, SAME, SOLVED
 from s3le.kernels.distance import nearest_on_segments, reach, separation
+from s3le.robot.robot import Robot
 
 AGREE = 1e-9  # [m] or [-], torch against numba, both float64
 CHUNKS = 1e-6  # [rad], between chunk sizes; see s3le.gpu.batch
@@ -51,7 +51,7 @@ def made(request, tmp_path):
 
 def tilted_arms(folder):
     tilt = edited(ARMS_YAML, ("[0.0, 0.0, 0.0]", "[0.4, -1.1, 2.3]"))
-    return machine.make(write_arms(folder, tilt), MARGIN, "midpoint")
+    return Robot.from_file(write_arms(folder, tilt), MARGIN, "midpoint")
 
 
 def rows_last(q):
@@ -59,7 +59,7 @@ def rows_last(q):
 
 
 def project(made, q, **how):
-    return gpu.project(made.chain, made.robot.anchor, q, made.margin, "cpu", **how)
+    return gpu.project(made.chain, made.anchor, q, made.margin, "cpu", **how)
 
 
 def far(a, b):
@@ -112,7 +112,7 @@ def test_clearances_agree(made):
 
 
 def test_every_pair_s_distance_and_gradient_agree(made):
-    q = np.concatenate([inside_limits(made, 20, 7), [made.robot.anchor, 0.0 * made.robot.anchor]])
+    q = np.concatenate([inside_limits(made, 20, 7), [made.anchor, 0.0 * made.anchor]])
     solid = put(made.chain, "cpu")
     apart = distance.measure(solid, rows_last(q))
     every = torch.arange(len(made.chain.pair))[:, None].expand(-1, len(q))
@@ -199,9 +199,9 @@ def test_segments_that_meet_have_the_same_way_out(A, B):
 def sampled(name="coman", n=330):
     made = coman(name=name)
     q = relaxed(made, n, 20)
-    clipped = np.clip(q, made.robot.lower, made.robot.upper)
+    clipped = np.clip(q, made.lower, made.upper)
     hit = batch.clearances(made.chain, clipped) < made.margin
-    return q, hit, project(made, q), batch.project(made.chain, made.robot.anchor, q, made.margin)
+    return q, hit, project(made, q), batch.project(made.chain, made.anchor, q, made.margin)
 
 
 @pytest.mark.parametrize("name", ["coman", "coman_authors"])
@@ -235,7 +235,7 @@ def test_a_robot_on_a_tilted_base_is_projected(tmp_path):
     q = relaxed(made, 200, 30, 0.5)
     found = project(made, q)
     made.certifier().require(found.q, MARGIN)
-    theirs = batch.project(made.chain, made.robot.anchor, q, MARGIN)
+    theirs = batch.project(made.chain, made.anchor, q, MARGIN)
     assert (found.how == SOLVED).any()
     assert far(found.q, q).mean() <= 1.001 * far(theirs.q, q).mean()
 
@@ -251,7 +251,7 @@ def test_a_feasible_pose_comes_back_to_the_bit():
 
 def test_a_zero_keeps_its_sign():
     made = coman()
-    q = made.robot.anchor[None].copy()
+    q = made.anchor[None].copy()
     q[q == 0.0] = -0.0
     assert project(made, q).q.tobytes() == q.tobytes()
 
@@ -278,12 +278,12 @@ def test_the_rows_around_a_row_and_the_chunk_change_no_more_than_rounding():
 
 def test_blending_agrees():
     made = coman()
-    q = np.clip(relaxed(made, 100, 26), made.robot.lower, made.robot.upper)
-    solid, anchor = put(made.chain, "cpu"), torch.tensor(made.robot.anchor)[:, None]
+    q = np.clip(relaxed(made, 100, 26), made.lower, made.upper)
+    solid, anchor = put(made.chain, "cpu"), torch.tensor(made.anchor)[:, None]
     ours, safe = blend(solid, anchor, MARGIN, rows_last(q))
     assert safe.all()
     for row, pose in enumerate(q):
-        assert solver.blend(made.chain, reach(made.chain), made.robot.anchor, MARGIN, pose)
+        assert solver.blend(made.chain, reach(made.chain), made.anchor, MARGIN, pose)
         assert np.allclose(ours[:, row], pose, rtol=0, atol=AGREE)
 
 
@@ -311,12 +311,12 @@ NASTY = {
 @pytest.mark.parametrize("name", ["coman", "coman_authors"])
 def test_nasty_poses_are_projected_and_harm_no_other_row(name):
     made = coman(name=name)
-    nasty = np.array([make(made.robot.lower, made.robot.upper) for make in NASTY.values()])
+    nasty = np.array([make(made.lower, made.upper) for make in NASTY.values()])
     plain = sampled(name)[0][:40]
     found = project(made, np.concatenate([nasty, plain]))
     made.certifier().require(found.q, made.margin)
     assert same(found.q[len(nasty) :], sampled(name)[2].q[:40]).mean() >= 0.95  # measured: all
-    theirs = batch.project(made.chain, made.robot.anchor, nasty[:-2], made.margin).q
+    theirs = batch.project(made.chain, made.anchor, nasty[:-2], made.margin).q
     ours = found.q[: len(theirs)]
     assert (far(ours, nasty[:-2]) <= 1.001 * far(theirs, nasty[:-2])).all()
 
@@ -327,7 +327,7 @@ def test_nasty_poses_are_projected_and_harm_no_other_row(name):
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf], ids=str)
 def test_a_pose_that_is_not_finite_has_no_clearance_and_no_projection(bad):
     made = coman()
-    q = np.tile(made.robot.anchor, (5, 1))
+    q = np.tile(made.anchor, (5, 1))
     q[3, 7] = bad
     assert np.isnan(gpu.clearances(made.chain, q, "cpu")).tolist() == [False] * 3 + [True, False]
     with pytest.raises(ParameterError) as refusal:

@@ -175,8 +175,8 @@ def test_no_point_moves_more_than_a_millimetre_between_two_samples(coal):
     poses = coal.samples(q0, q1)
     assert (poses[0] == q0).all() and (poses[-1] == q1).all()
     for row in range(0, len(poses) - 1, len(poses) // 5):
-        before, after = (placements(made.robot, pose) for pose in poses[row : row + 2])
-        for one, two, body in zip(before, after, made.robot.bodies, strict=True):
+        before, after = (placements(made, pose) for pose in poses[row : row + 2])
+        for one, two, body in zip(before, after, made.bodies, strict=True):
             half = np.linalg.norm(body.b - body.a) / 2
             skin = body.radius * way + np.sign(way[:, 2:]) * [0.0, 0.0, half]
             first, then = (skin @ at.getRotation().T + at.getTranslation() for at in (one, two))
@@ -184,7 +184,7 @@ def test_no_point_moves_more_than_a_millimetre_between_two_samples(coal):
 
 
 def test_each_promise_that_is_broken_is_named(coal):
-    anchor, arms_down = coman().robot.anchor, np.zeros(11)
+    anchor, arms_down = coman().anchor, np.zeros(11)
     assert coal.step(anchor, anchor, 0.1).broken == ()
     assert coal.step(anchor, anchor, np.nan).broken == ()
     moved = anchor + np.eye(11)[0] * 0.1
@@ -203,7 +203,7 @@ def test_each_promise_that_is_broken_is_named(coal):
 
 def test_a_clearance_between_the_margins_is_for_paths_alone(coal):
     """Bisected between a clear pose and one that collides."""
-    anchor, share = coman().robot.anchor, [0.0, 1.0]
+    anchor, share = coman().anchor, [0.0, 1.0]
     checker = coman().certifier()
     for _ in range(60):
         middle = sum(share) / 2

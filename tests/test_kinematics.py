@@ -21,13 +21,12 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch, compiled
-from s3le.machine import Machine
 from s3le.robot import certificate
 from s3le.robot.model import load
 from s3le.robot.pairs import all_pairs
+from s3le.robot.robot import Robot
 from s3le.skeleton import NECKS, POINTS, features
 
 ALGEBRA = 1e-12  # [m] or [-], float64
@@ -41,22 +40,22 @@ def made(request, tmp_path):
     if request.param == "coman":
         return coman()
     yaml = TILTED if request.param == "tilted arms" else ARMS_YAML
-    return machine.make(write_arms(tmp_path, yaml), MARGIN, "midpoint")
+    return Robot.from_file(write_arms(tmp_path, yaml), MARGIN, "midpoint")
 
 
 def test_points_are_pinocchio_s(made):
     q = np.concatenate([inside_limits(made, 20, 1), 30.0 * relaxed(made, 5, 2)])
     ours = batch.points(made.chain, q)
     for pose, at in zip(q, ours, strict=True):
-        theirs = certificate.point_positions(made.robot, pose)
-        for role, where in zip(made.robot.points, theirs, strict=True):
+        theirs = certificate.point_positions(made, pose)
+        for role, where in zip(made.points, theirs, strict=True):
             assert at[POINTS.index(role)] == pytest.approx(where, abs=ALGEBRA), role
 
 
 def test_points_of_planar_arms_are_algebra(tmp_path):
-    made = machine.make(write_arms(tmp_path), MARGIN, "midpoint")
+    made = Robot.from_file(write_arms(tmp_path), MARGIN, "midpoint")
     for q in inside_limits(made, 20, 3):
-        want = arms_points(dict(zip(made.robot.joint_names, q, strict=True)))
+        want = arms_points(dict(zip(made.joint_names, q, strict=True)))
         at = batch.points(made.chain, q[None])[0]
         for role, where in want.items():
             assert at[POINTS.index(role)] == pytest.approx(where, abs=ALGEBRA), role
@@ -73,10 +72,10 @@ def test_the_robot_s_skeleton_is_the_one_of_its_points(name, neck):
 
 
 def test_a_tilted_base_turns_the_skeleton_and_nothing_else(tmp_path):
-    plain = machine.make(write_arms(tmp_path / "plain"), MARGIN, "midpoint")
-    tilted = machine.make(write_arms(tmp_path / "tilted", TILTED), MARGIN, "midpoint")
+    plain = Robot.from_file(write_arms(tmp_path / "plain"), MARGIN, "midpoint")
+    tilted = Robot.from_file(write_arms(tmp_path / "tilted", TILTED), MARGIN, "midpoint")
     q = inside_limits(plain, 30, 5)
-    turned = batch.skeletons(plain.chain, q).reshape(-1, 7, 3) @ tilted.robot.base_rotation.T
+    turned = batch.skeletons(plain.chain, q).reshape(-1, 7, 3) @ tilted.base_rotation.T
     assert np.allclose(
         batch.skeletons(tilted.chain, q), turned.reshape(-1, 21), rtol=0, atol=ALGEBRA
     )
@@ -86,7 +85,7 @@ def test_a_tilted_base_turns_the_skeleton_and_nothing_else(tmp_path):
 def test_the_jacobian_is_the_slope_of_the_skeleton(made):
     for q in inside_limits(made, 6, 6):
         _, J = skeleton_and_jacobian(made, q)
-        shifts = STEP * np.eye(made.robot.n_dof)
+        shifts = STEP * np.eye(made.n_dof)
         ahead = batch.skeletons(made.chain, q + shifts)
         back = batch.skeletons(made.chain, q - shifts)
         assert np.allclose(J, ((ahead - back) / (2 * STEP)).T, rtol=0, atol=DIFFERENCE)
@@ -106,11 +105,11 @@ def test_a_joint_axis_that_is_not_a_coordinate_axis_turns_as_pinocchio_has_it(tm
         ('<origin xyz="0 -0.2 0.5"/><axis xyz="1 0 0"/>',
          '<origin xyz="0 -0.2 0.5" rpy="0.2 -0.5 1.4"/><axis xyz="3 -1 2"/>'),
     )  # fmt: skip
-    made = machine.make(write_arms(tmp_path, urdf=urdf), 0.0, "midpoint")
+    made = Robot.from_file(write_arms(tmp_path, urdf=urdf), 0.0, "midpoint")
     for q in inside_limits(made, 10, 8):
         at = batch.points(made.chain, q[None])[0, POINTS.index("r_hand")]
-        index = list(made.robot.points).index("r_hand")
-        assert at == pytest.approx(certificate.point_positions(made.robot, q)[index], abs=ALGEBRA)
+        index = list(made.points).index("r_hand")
+        assert at == pytest.approx(certificate.point_positions(made, q)[index], abs=ALGEBRA)
 
 
 def test_capsules_are_where_pinocchio_places_them():
@@ -118,13 +117,13 @@ def test_capsules_are_where_pinocchio_places_them():
     for q in inside_limits(made, 5, 9):
         ends = placed(made, q)[3]
         drawn = batch.capsule_ends(made.chain, q[None])[0]
-        at = certificate.placements(made.robot, q)
-        for k, body in enumerate(made.robot.bodies):
+        at = certificate.placements(made, q)
+        for k, body in enumerate(made.bodies):
             along = np.array(at[k].getRotation())[:, 2] * np.linalg.norm(body.b - body.a) / 2
             middle = np.array(at[k].getTranslation())
             assert ends[k, 2] == pytest.approx(middle, abs=ALGEBRA)
             assert np.allclose(ends[k, 1], middle + along, rtol=0, atol=ALGEBRA)
-            assert np.allclose(drawn[k], ends[k, :2] @ made.robot.base_rotation.T, atol=ALGEBRA)
+            assert np.allclose(drawn[k], ends[k, :2] @ made.base_rotation.T, atol=ALGEBRA)
 
 
 def test_a_whole_turn_changes_nothing():
@@ -142,8 +141,8 @@ def test_a_joint_moves_what_hangs_on_it_and_nothing_else(seed, joint, step):
     q = np.repeat(relaxed(made, 1, seed), 2, axis=0)
     q[1, joint] += step
     here, there = batch.points(made.chain, q)
-    for role, point in made.robot.points.items():
-        if joint not in made.robot.chain(point.joint):
+    for role, point in made.points.items():
+        if joint not in made.path_to(point.joint):
             at = POINTS.index(role)
             assert np.array_equal(here[at], there[at]), role  # to the bit
 
@@ -156,11 +155,11 @@ def test_no_point_moves_farther_than_its_levers_and_angles_allow(seed, far):
     q[1] += far * np.random.default_rng(seed).uniform(-1, 1, q.shape[1])
     here, there = batch.points(made.chain, q)
     turned = np.abs(q[1] - q[0])  # [rad]
-    for role, point in made.robot.points.items():
+    for role, point in made.points.items():
         lever, allowed = np.linalg.norm(point.offset), 0.0  # [m]
-        for joint in made.robot.chain(point.joint)[::-1]:
+        for joint in made.path_to(point.joint)[::-1]:
             allowed += lever * turned[joint]
-            lever += np.linalg.norm(made.robot.joints[joint].translation)
+            lever += np.linalg.norm(made.joints[joint].translation)
         at = POINTS.index(role)
         assert np.linalg.norm(there[at] - here[at]) <= allowed + ALGEBRA, role
 
@@ -187,7 +186,7 @@ def test_any_two_joints_put_the_hand_where_pinocchio_does(first, second, q):
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         robot = load(write_arms(Path(folder), urdf=urdf))
-        made = Machine(robot, tuple(all_pairs(robot)), 0.0, "midpoint")
+        made = Robot(robot, tuple(all_pairs(robot)), 0.0, "midpoint")
         theirs = certificate.point_positions(robot, np.array(q))
     ours = batch.points(made.chain, np.array([q]))[0]
     for role, where in zip(robot.points, theirs, strict=True):
@@ -197,7 +196,7 @@ def test_any_two_joints_put_the_hand_where_pinocchio_does(first, second, q):
 def test_a_pose_that_is_not_finite_has_a_skeleton_that_is_not():
     made = coman()
     q = inside_limits(made, 3, 12)
-    q[1, made.robot.joint_names.index("WaistYaw")] = np.nan
+    q[1, made.joint_names.index("WaistYaw")] = np.nan
     x = batch.skeletons(made.chain, q)
     assert np.isnan(x[1]).any()
     assert np.array_equal(x[[0, 2]], batch.skeletons(made.chain, q[[0, 2]]))

@@ -25,11 +25,11 @@ def begun(cls=Plain, rate=30.0):
 
 
 def anchor_x():
-    return batch.skeletons(coman().chain, coman().robot.anchor[None])[0]
+    return batch.skeletons(coman().chain, coman().anchor[None])[0]
 
 
 def anchor_points():
-    points = batch.points(coman().chain, coman().robot.anchor[None])[0]
+    points = batch.points(coman().chain, coman().anchor[None])[0]
     # The robot's pelvis points both lie at the hip; a person's do not.
     at = dict(zip(POINTS, points.tolist(), strict=True))
     at["r_pelvis"], at["l_pelvis"] = [0.0, -0.1, 0.0], [0.0, 0.1, 0.0]
@@ -42,8 +42,8 @@ def sent(stream, line):
 
 def test_the_greeting_names_the_joints():
     said = json.loads(begun().greeting())
-    assert said["joints"] == coman().robot.joint_names and said["robot"] == "coman"
-    assert said["q"] == coman().robot.anchor.tolist() and said["margin"] == MARGIN
+    assert said["joints"] == coman().joint_names and said["robot"] == "coman"
+    assert said["q"] == coman().anchor.tolist() and said["margin"] == MARGIN
 
 
 def test_each_frame_gives_a_pose_and_time_adds_up():
@@ -138,7 +138,7 @@ def test_a_long_line_is_one_line_and_memory_stays_bounded():
 def test_no_input_moves_the_robot_where_nothing_was_proven(seed):
     rng = np.random.default_rng(seed)
     made, stream = coman(), begun()
-    q, t = [made.robot.anchor], [0.0]
+    q, t = [made.anchor], [0.0]
     for _ in range(12):
         x = rng.normal(size=(7, 3))
         x /= np.linalg.norm(x, axis=1, keepdims=True)

@@ -12,7 +12,6 @@ from handmade import SHARED, broken
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from s3le import machine
 from s3le.errors import ModelError, ParameterError
 from s3le.human import dataset
 from s3le.human.read import read_clip
@@ -20,6 +19,7 @@ from s3le.kernels import batch
 from s3le.kernels.threads import use_threads
 from s3le.learn import artifact
 from s3le.learn.table import index as index_table
+from s3le.robot.robot import Robot
 from s3le.search import neighbours
 from s3le.search.metrics import METRICS, look_up
 from s3le.store import tables
@@ -295,9 +295,9 @@ def people() -> np.ndarray:
 
 def test_people_find_the_nearest_pose_in_skeleton_space():
     x = people()
-    it = machine.make(ROOT / "data" / "robots" / "coman.yaml", 0.002, "midpoint")
-    low, high = relaxed_limits(it.robot.lower, it.robot.upper, 0.2)
-    q = np.random.default_rng(0).uniform(low, high, (10_000, it.robot.n_dof))
+    it = Robot.from_file(ROOT / "data" / "robots" / "coman.yaml", 0.002, "midpoint")
+    low, high = relaxed_limits(it.lower, it.upper, 0.2)
+    q = np.random.default_rng(0).uniform(low, high, (10_000, it.n_dof))
     poses = batch.skeletons(it.chain, q).astype(np.float32)
     found = neighbours.build(poses).query(x, 8)
     _, true = look_up(poses, x, "l2")

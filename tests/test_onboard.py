@@ -13,13 +13,13 @@ from figures import BOX, dae, figure, joint, link, obj, stl, write
 from typer.testing import CliRunner
 from worlds import MARGIN, people
 
-from s3le import machine
 from s3le.cli.main import app
 from s3le.errors import RobotError
 from s3le.kernels import batch
 from s3le.motion import whole
 from s3le.onboard import propose, source, survey
 from s3le.robot import hulls, pairs, sense
+from s3le.robot.robot import Robot
 from s3le.skeleton import BONES, cosine_distance, features
 from s3le.tuples.ik import ground_truth
 
@@ -29,7 +29,7 @@ ALL_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
 
 class Added(NamedTuple):
     proposal: propose.Proposal
-    machine: machine.Machine
+    robot: Robot
 
 
 def proposed(folder, text, name="figure", **options) -> propose.Proposal:
@@ -40,18 +40,18 @@ def new(folder, text, **options) -> Added:
     """Proposed, written and read again."""
     made = proposed(folder, text, **options)
     propose.write(made, folder / "robots", force=True)
-    return Added(made, machine.make(folder / "robots" / "figure.yaml", MARGIN, "midpoint"))
+    return Added(made, Robot.from_file(folder / "robots" / "figure.yaml", MARGIN, "midpoint"))
 
 
 def arm_joints(arms="lr", names="{side}_{part}"):
     return {names.format(side=SIDES[s], part=p) for s in arms for p in ALL_ARM}
 
 
-def through(made: machine.Machine, n: int = 40) -> None:
+def through(made: Robot, n: int = 40) -> None:
     """The earliest stages and a look-up: poses, certified, and people answered with them."""
-    q = np.random.default_rng(3).uniform(made.robot.lower, made.robot.upper,
-                                         (n, made.robot.n_dof))  # fmt: skip
-    found = batch.project(made.chain, made.robot.anchor, q, MARGIN)
+    q = np.random.default_rng(3).uniform(made.lower, made.upper,
+                                         (n, made.n_dof))  # fmt: skip
+    found = batch.project(made.chain, made.anchor, q, MARGIN)
     made.certifier().require(found.q, MARGIN)
     x = batch.skeletons(made.chain, found.q)
     assert np.linalg.norm(x.reshape(n, 7, 3), axis=2) == pytest.approx(1.0, abs=1e-9)
@@ -85,7 +85,7 @@ WORLDS = {
 @pytest.mark.parametrize("options", WORLDS.values(), ids=WORLDS)
 def test_parts_base_and_joints_are_found(tmp_path, options):
     made = new(tmp_path, figure(**options))
-    robot = made.machine.robot
+    robot = made.robot
     names = options.get("names", "{side}_{part}")
     waist = {f"waist_{part}" for part in options.get("waist", ("yaw", "roll", "pitch"))}
     assert set(robot.joint_names) == arm_joints(names=names) | waist
@@ -96,14 +96,14 @@ def test_parts_base_and_joints_are_found(tmp_path, options):
         assert shoulder == pytest.approx([0, y, 0.32], abs=1e-6)
         assert at[f"{side}_elbow"] - at["hip"] == pytest.approx(shoulder + 0.28 * way, abs=1e-6)
         assert at[f"{side}_hand"] - at["hip"] == pytest.approx(shoulder + 0.52 * way, abs=1e-6)
-    report = made.machine.certifier().check(robot.anchor[None])
+    report = made.robot.certifier().check(robot.anchor[None])
     assert report.clearance[0] >= MARGIN and report.limit_margin[0] >= 0.0
 
 
 def test_what_names_do_not_tell_geometry_does(tmp_path):
     made = new(tmp_path, figure(names="{part}{side}", legs=False).replace("right", "A")
                .replace("left", "B").replace("shoulder_", "s").replace("elbow", "e"))  # fmt: skip
-    description = made.machine.robot.description
+    description = made.robot.description
     assert description.points["l_elbow"].frame == "eB"
     assert any("names tell no sides" in line for line in made.proposal.look)
     assert any("by geometry alone" in line for line in made.proposal.look)
@@ -111,7 +111,7 @@ def test_what_names_do_not_tell_geometry_does(tmp_path):
 
 @pytest.mark.parametrize("side", ["r", "l"])
 def test_a_robot_with_one_arm_is_followed_in_four_vectors(tmp_path, side):
-    made = new(tmp_path, figure(arms=side)).machine
+    made = new(tmp_path, figure(arms=side)).robot
     other = "l" if side == "r" else "r"
     assert made.vectors == tuple(
         bone for bone in BONES if f"_{other}_" not in bone and not bone.startswith(f"{other}_")
@@ -121,11 +121,11 @@ def test_a_robot_with_one_arm_is_followed_in_four_vectors(tmp_path, side):
 
 
 def test_a_robot_without_waist_is_followed_in_its_arms(tmp_path):
-    made = new(tmp_path, figure(waist=())).machine
+    made = new(tmp_path, figure(waist=())).robot
     assert made.vectors == tuple(b for b in BONES if "elbow" in b)
     x, _ = features(people(5, 1))
     seen = made.seen(x).reshape(5, 7, 3)
-    own = batch.skeletons(made.chain, made.robot.anchor[None]).reshape(7, 3)
+    own = batch.skeletons(made.chain, made.anchor[None]).reshape(7, 3)
     for b, bone in enumerate(BONES):
         want = x.reshape(5, 7, 3)[:, b] if bone in made.vectors else own[b]
         assert seen[:, b] == pytest.approx(np.broadcast_to(want, (5, 3)), abs=1e-12)
@@ -133,7 +133,7 @@ def test_a_robot_without_waist_is_followed_in_its_arms(tmp_path):
 
 
 def test_distances_are_means_over_the_vectors_that_are_followed(tmp_path):
-    made = new(tmp_path, figure(arms="r")).machine
+    made = new(tmp_path, figure(arms="r")).robot
     x, _ = features(people(6, 2))
     a, b = made.seen(x[:3]), made.seen(x[3:])
     every = cosine_distance(a, b) * 7
@@ -149,9 +149,9 @@ def test_a_robot_file_stands_by_itself_and_survives_being_written_and_read(tmp_p
     made = proposed(tmp_path / "from", figure())
     propose.write(made, tmp_path / "robots", force=False)
     (tmp_path / "from" / "figure.urdf").unlink()
-    read = machine.make(tmp_path / "robots" / "figure.yaml", MARGIN, "midpoint")
-    machine.write(read, tmp_path / "robot")
-    assert machine.read(tmp_path / "robot").tag == read.tag
+    read = Robot.from_file(tmp_path / "robots" / "figure.yaml", MARGIN, "midpoint")
+    read.write(tmp_path / "robot")
+    assert Robot.read(tmp_path / "robot").tag == read.tag
 
 
 def test_what_is_there_is_not_overwritten_unless_asked(tmp_path):
@@ -184,13 +184,13 @@ def test_where_no_named_pose_is_feasible_an_anchor_is_searched(tmp_path):
     made = new(tmp_path, text)
     assert made.proposal.found.how == "search"
     assert any(line.startswith("anchor: search") for line in made.proposal.look)
-    made.machine.certifier().require(made.machine.robot.anchor[None], MARGIN)
-    assert pairs.anchor_collision(made.machine.robot, list(made.machine.pairs)) is None
+    made.robot.certifier().require(made.robot.anchor[None], MARGIN)
+    assert pairs.anchor_collision(made.robot, list(made.robot.pairs)) is None
 
 
 def test_a_continuous_joint_gets_limits_and_is_told(tmp_path):
     made = new(tmp_path, figure(elbow_kind="continuous"))
-    limits = {j.name: (j.lower, j.upper) for j in made.machine.robot.joints}
+    limits = {j.name: (j.lower, j.upper) for j in made.robot.joints}
     assert limits["left_elbow"] == pytest.approx((-np.pi, np.pi), abs=1e-6)
     assert any("'left_elbow' is continuous" in line for line in made.proposal.look)
 
@@ -201,12 +201,12 @@ def test_a_joint_that_cannot_stand_at_zero_is_held_as_near_as_it_can(tmp_path):
     at = text.index(knee)
     text = text[:at] + text[at:].replace('lower="-2.0"', 'lower="0.3"', 1)
     made = new(tmp_path, text)
-    assert made.machine.robot.description.hold == {"left_hip_pitch_knee": 0.3}
+    assert made.robot.description.hold == {"left_hip_pitch_knee": 0.3}
 
 
 def test_a_speed_limit_that_is_none_is_replaced_and_told(tmp_path):
     made = new(tmp_path, figure().replace('velocity="4"', 'velocity="0"'))
-    assert {round(j.velocity, 4) for j in made.machine.robot.joints} == {3.1416}
+    assert {round(j.velocity, 4) for j in made.robot.joints} == {3.1416}
     assert any(line.startswith("velocity:") for line in made.proposal.look)
 
 
@@ -224,7 +224,7 @@ def test_meshes_of_every_format_become_capsules_that_contain_them(tmp_path, form
     made = new(tmp_path / "urdf", figure(torso=mesh))
     body = next(item for item in made.proposal.made if item.kind == "mesh")
     assert np.unique(np.concatenate(body.points), axis=0).shape[0] >= 8
-    bodies = [b for b in made.machine.robot.bodies if b.link == "waist_pitch_link"]
+    bodies = [b for b in made.robot.bodies if b.link == "waist_pitch_link"]
     assert len(bodies) == len(body.capsules)
     grid = np.linspace(-1, 1, 9)
     solid = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
@@ -246,7 +246,7 @@ def test_primitives_and_tagged_capsules_stay_what_they_are(tmp_path):
         link("head", '<sphere radius="0.08"/>', "0 0 0.06"),
         link("head", '<cylinder radius="0.08" length="0.1"/>', "0 0 0.06", more=tagged),
     )
-    robot = new(tmp_path, text).machine.robot
+    robot = new(tmp_path, text).robot
     bodies = {b.link: b for b in robot.bodies}
     assert bodies["head"].shape == "capsule" and bodies["head"].radius == 0.08
     assert np.linalg.norm(bodies["head"].b - bodies["head"].a) == pytest.approx(0.1)
@@ -262,7 +262,7 @@ def test_a_list_of_spheres_takes_the_place_of_a_link_s_geometry(tmp_path):
         "collision_spheres:\n  head:\n  - {center: [0, 0, 0.05], radius: 0.09}\n"
         "  - {center: [0.02, 0, 0.1], radius: 0.05}\n"
     )
-    robot = new(tmp_path, figure(), spheres=listed).machine.robot
+    robot = new(tmp_path, figure(), spheres=listed).robot
     found = sorted((b.radius, *b.a) for b in robot.bodies if b.link == "head")
     offset = next(b for b in robot.bodies if b.link == "head").a[2] - 0.05
     assert [f[0] for f in found] == [0.05, 0.09] and offset >= 0.0
@@ -283,15 +283,15 @@ def test_an_srdf_takes_pairs_off_beside_the_anchor_s_and_they_are_listed(tmp_pat
         'reason="Never"/><disable_collisions link1="ghost" link2="head" reason="Never"/></robot>'
     )
     plain, made = new(tmp_path, figure()), new(tmp_path, figure(), srdf_file=file)
-    lost = [p for p in made.machine.pairs if p.reason == f"{pairs.DISABLED} (Never)"]
-    names = [made.machine.robot.bodies[k].link for p in lost for k in (p.a, p.b)]
+    lost = [p for p in made.robot.pairs if p.reason == f"{pairs.DISABLED} (Never)"]
+    names = [made.robot.bodies[k].link for p in lost for k in (p.a, p.b)]
     assert sorted(names) == ["head", "left_fore"]
-    assert len(made.machine.watched) == len(plain.machine.watched) - 1
-    assert made.machine.robot.digest != plain.machine.robot.digest
-    told = "\n".join(survey.lines(made.machine, survey.survey(made.machine, 60), True))
+    assert len(made.robot.watched) == len(plain.robot.watched) - 1
+    assert made.robot.digest != plain.robot.digest
+    told = "\n".join(survey.lines(made.robot, survey.survey(made.robot, 60), True))
     assert "head_0 and left_fore_0" in told and "disabled by the SRDF (Never): 1" in told
-    machine.write(made.machine, tmp_path / "robot")
-    assert machine.read(tmp_path / "robot").tag == made.machine.tag
+    made.robot.write(tmp_path / "robot")
+    assert Robot.read(tmp_path / "robot").tag == made.robot.tag
 
 
 @pytest.mark.parametrize(
@@ -314,9 +314,9 @@ def test_pairs_that_are_never_near_or_nearly_always_overlap_are_listed_and_watch
         link("left_palm", ball, "0 0 -0.05"),
     ).replace(link("head", '<sphere radius="0.08"/>', "0 0 0.06"),
               link("head", '<sphere radius="0.02"/>', "0 0 0.06"))  # fmt: skip
-    made = new(tmp_path, text).machine
+    made = new(tmp_path, text).robot
     found = survey.survey(made, 400)
-    q = sense.poses(made.robot, 400)
+    q = sense.poses(made, 400)
     apart = batch.pair_distances(made.chain, q)
     assert {k for k, _ in found.never} == set(np.flatnonzero(apart.min(axis=0) >= survey.NEVER))
     assert found.never
@@ -328,8 +328,8 @@ def test_pairs_that_are_never_near_or_nearly_always_overlap_are_listed_and_watch
 
 
 def test_hulls_see_what_nobody_watches(tmp_path):
-    made = new(tmp_path, figure(), with_hulls=True).machine
-    check = hulls.HullCheck(made.robot)
+    made = new(tmp_path, figure(), with_hulls=True).robot
+    check = hulls.HullCheck(made)
     assert set(check.links) == {"pelvis", "waist_pitch_link"}  # the boxes; the rest is round
     assert check.pairs == []  # neighbours: nothing solid lies between them
     # Forearms hang 0.34 m apart; cubes of 0.2 m leave 0.14 m, ones 0.37 m wide overlap by 0.03.
@@ -337,13 +337,13 @@ def test_hulls_see_what_nobody_watches(tmp_path):
         cube = BOX * [0.1, half, 0.1]
         sizes = {"left_fore/0": cube, "right_fore/0": cube, "waist_pitch_link/0": BOX * 0.01}
         np.savez(tmp_path / "cubes.npz", **sizes)
-        check = hulls.HullCheck(made.robot, tmp_path / "cubes.npz")
+        check = hulls.HullCheck(made, tmp_path / "cubes.npz")
         assert [check.name(k) for k in range(len(check.pairs))] == ["left_fore and right_fore"]
-        found = check.check(np.zeros((1, made.robot.n_dof)))
+        found = check.check(np.zeros((1, made.n_dof)))
         assert found.depth[0] == pytest.approx(depth, abs=1e-6)
     (tmp_path / "bad.npz").write_bytes(b"PK\3\4 no")
     with pytest.raises(RobotError, match="bad.npz"):
-        hulls.HullCheck(made.robot, tmp_path / "bad.npz")
+        hulls.HullCheck(made, tmp_path / "bad.npz")
 
 
 # --- refusals
@@ -432,7 +432,7 @@ def test_a_robot_file_that_makes_no_sense_is_refused_in_a_line(plain, change, wa
     assert changed != text
     (plain / "changed.yaml").write_text(changed)
     with pytest.raises(RobotError, match=want) as refusal:
-        machine.adopt(plain / "changed.yaml", MARGIN, "midpoint")
+        Robot.adopt(plain / "changed.yaml", MARGIN, "midpoint")
     assert "\n" not in str(refusal.value)
 
 
@@ -470,13 +470,13 @@ def sold(tmp_path_factory):
     """Robots of packages, proposed once."""
     made = {}
 
-    def get(robot: str) -> tuple[propose.Proposal, machine.Machine]:
+    def get(robot: str) -> tuple[propose.Proposal, Robot]:
         if robot not in made:
             folder = tmp_path_factory.mktemp(robot)
             urdf = urdf_of(robot)
             found = propose.propose(urdf, robot, MARGIN, "midpoint", with_hulls=robot == "jvrc")
             propose.write(found, folder, force=False)
-            made[robot] = found, machine.make(folder / f"{robot}.yaml", MARGIN, "midpoint")
+            made[robot] = found, Robot.from_file(folder / f"{robot}.yaml", MARGIN, "midpoint")
         return made[robot]
 
     return get
@@ -486,11 +486,11 @@ def sold(tmp_path_factory):
 def test_a_robot_of_a_package_goes_from_its_urdf_to_an_answer(sold, robot):
     found, made = sold(robot)
     hip, shoulder, elbow, hand, waist = POINTS[robot]
-    places = made.robot.description.points
+    places = made.description.points
     named = [places[role].frame for role in ("hip", "l_shoulder", "l_elbow", "l_hand")]
     assert named == [hip, shoulder, elbow, hand]
-    assert made.robot.n_dof == waist + 8
-    assert made.robot.base_rotation == pytest.approx(np.eye(3), abs=1e-9)
+    assert made.n_dof == waist + 8
+    assert made.base_rotation == pytest.approx(np.eye(3), abs=1e-9)
     through(made, 20)
 
 
@@ -501,7 +501,7 @@ def test_a_whole_robots_file_has_the_joints_of_the_urdf_that_was_read(sold, robo
     items = tree.findall("joint")
     moves = [item for item in items if item.get("type") != "fixed"]
     mimics = [item.get("name") for item in moves if item.find("mimic") is not None]
-    found = whole.joints(made.robot)
+    found = whole.joints(made)
     names = [item.get("name") for item in moves if item.get("name") not in mimics]
     assert [joint.name for joint in found.joints] == names
     assert list(found.mimics) == mimics
@@ -514,7 +514,7 @@ def test_a_whole_robots_file_has_the_joints_of_the_urdf_that_was_read(sold, robo
     numbered = [it.joint(i).name for i in range(it.njnt)]
     assert list(found.depth_first) == [name for name in numbered if name in names]
     still = sum(joint.moved < 0 for joint in found.joints)
-    assert still == len(names) - made.robot.n_dof > 10
+    assert still == len(names) - made.n_dof > 10
 
 
 @pytest.mark.parametrize("robot", ["jvrc"])
@@ -527,9 +527,9 @@ def test_every_vertex_of_every_mesh_lies_in_a_capsule_of_its_link(sold, robot):
         package_dirs=[str(urdf_of(robot).parents[2])],
     )
     seen = 0
-    full = pinocchio.buildModelFromUrdf(str(made.robot.description.urdf))
+    full = pinocchio.buildModelFromUrdf(str(made.description.urdf))
     mine = pinocchio.buildGeomFromUrdf(
-        full, str(made.robot.description.urdf), pinocchio.GeometryType.COLLISION
+        full, str(made.description.urdf), pinocchio.GeometryType.COLLISION
     )
     for item in geometry.geometryObjects:
         link = model.frames[item.parentFrame].name

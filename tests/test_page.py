@@ -311,7 +311,7 @@ def test_times_say_on_which_machine_and_whether_of_this_robot():
         ("[" * 100_000, "is not JSON"),
         ("[]", "holds no JSON object"),
         ("{}", "format must be 1"),
-        (json.dumps(latency(machine=3)), "'machine' must be text"),
+        (json.dumps(latency(robot=3)), "'machine' must be text"),
         (json.dumps(latency(pairs=-1)), "'pairs' must be a count"),
         (json.dumps(latency(rows=[])), "'rows' must be a list"),
         (json.dumps(latency(rows=[{"part": "x", "calls": 1, "us_p50": 2, "us_p99": 1,
@@ -407,7 +407,7 @@ def test_hostile_names_stay_words():
     text = page_of(
         tree, {HOSTILE: [{"step": 1, HOSTILE: 1.0}]}, motions=rows, unwatched=[(HOSTILE,) * 4],
         knobs=[parameters.Parameter(HOSTILE, HOSTILE, HOSTILE)],
-        latency=latency(machine=HOSTILE, settings={HOSTILE: 1}, modes={HOSTILE: 0.5}),
+        latency=latency(robot=HOSTILE, settings={HOSTILE: 1}, modes={HOSTILE: 0.5}),
         robot_tag=HOSTILE,
     )  # fmt: skip
     text.encode("utf-8")

@@ -17,17 +17,17 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine
 from s3le.errors import RobotError
 from s3le.robot.pairs import FIXED, OVERLAP, WATCHED, all_pairs, body_kinds
+from s3le.robot.robot import PAIRS, Robot
 from s3le.robot.table import ROBOT_PAIRS
 
 GEOMETRY = 1e-9  # [m]
 NAMES = ("coman", "coman_authors")
 
 
-def named(made: machine.Machine, reason: str, kind: str | None = None) -> set[frozenset[str]]:
-    links = [body.name.rpartition("_")[0] for body in made.robot.bodies]
+def named(made: Robot, reason: str, kind: str | None = None) -> set[frozenset[str]]:
+    links = [body.name.rpartition("_")[0] for body in made.bodies]
     return {
         frozenset((links[p.a], links[p.b]))
         for p in made.pairs
@@ -39,7 +39,7 @@ def named(made: machine.Machine, reason: str, kind: str | None = None) -> set[fr
 def test_every_pair_of_bodies_is_listed_once_in_order(name):
     made = coman(name=name)
     listed = [(p.a, p.b) for p in made.pairs]
-    assert listed == list(combinations(range(len(made.robot.bodies)), 2))
+    assert listed == list(combinations(range(len(made.bodies)), 2))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -64,8 +64,8 @@ def test_the_only_limb_trunk_pairs_that_are_dropped_are_torso_and_shoulders():
 
 def test_forearms_hands_and_upper_arms_are_watched_against_all_of_the_trunk():
     made = coman()
-    kinds = body_kinds(made.robot)
-    links = [body.name.rpartition("_")[0] for body in made.robot.bodies]
+    kinds = body_kinds(made)
+    links = [body.name.rpartition("_")[0] for body in made.bodies]
     trunk = {link for link, kind in zip(links, kinds, strict=True) if kind == "trunk"}
     watched = named(made, WATCHED)
     for side in "LR":
@@ -77,30 +77,30 @@ def test_forearms_hands_and_upper_arms_are_watched_against_all_of_the_trunk():
 def test_what_cannot_move_is_not_watched_and_what_can_is_not_called_fixed():
     made = coman()
     for p in made.pairs:
-        same = made.robot.bodies[p.a].joint == made.robot.bodies[p.b].joint
+        same = made.bodies[p.a].joint == made.bodies[p.b].joint
         assert (p.reason == FIXED) == same
 
 
 def test_arms_are_right_or_left_and_the_rest_is_trunk():
     made = coman()
-    for body, kind in zip(made.robot.bodies, body_kinds(made.robot), strict=True):
+    for body, kind in zip(made.bodies, body_kinds(made), strict=True):
         arm = any(part in body.name for part in ("Sh", "Elb", "Forearm", "Wr", "SoftHand"))
         assert kind == ({"L": "left", "R": "right"}[body.name[0]] if arm else "trunk"), body.name
 
 
 def test_the_stated_clearance_is_the_distance_at_the_anchor():
     made = coman()
-    ends = placed(made, made.robot.anchor)[3]
+    ends = placed(made, made.anchor)[3]
     for p in made.pairs:
-        radii = (made.robot.bodies[p.a].radius, made.robot.bodies[p.b].radius)
+        radii = (made.bodies[p.a].radius, made.bodies[p.b].radius)
         want = coal_distance(ends[p.a, :2], ends[p.b, :2], *radii)
         assert p.clearance == pytest.approx(want, abs=GEOMETRY)
 
 
 def test_a_pair_is_dropped_exactly_where_grown_capsules_overlap():
     made = coman()
-    ends = placed(made, made.robot.anchor)[3]
-    grow = made.robot.pair_inflation
+    ends = placed(made, made.anchor)[3]
+    grow = made.pair_inflation
     for p in made.pairs:
         if p.reason == FIXED:
             continue
@@ -108,7 +108,7 @@ def test_a_pair_is_dropped_exactly_where_grown_capsules_overlap():
         for body in (p.a, p.b):
             middle = ends[body, :2].mean(axis=0)
             grown.append(middle + (ends[body, :2] - middle) * grow)
-            radii.append(made.robot.bodies[body].radius * grow)
+            radii.append(made.bodies[body].radius * grow)
         assert (coal_distance(*grown, *radii) <= 0.0) == (p.reason == OVERLAP), p
 
 
@@ -116,14 +116,14 @@ def test_a_pair_is_dropped_exactly_where_grown_capsules_overlap():
 @pytest.mark.parametrize("margin", [0.0, MARGIN, 0.01], ids=["0", "2 mm", "10 mm"])
 def test_the_anchor_is_feasible(name, margin):
     made = coman(margin, name)
-    made.certifier().require(made.robot.anchor[None], margin)
+    made.certifier().require(made.anchor[None], margin)
 
 
 def test_more_inflation_never_watches_more(tmp_path):
     watched = []
     for grow in ("1.0", "1.1", "1.5", "2.5"):
         file = write_arms(tmp_path / grow, edited(ARMS_YAML, ("1.1", grow)))
-        watched.append({tuple(pair) for pair in machine.make(file, MARGIN, "midpoint").watched})
+        watched.append({tuple(pair) for pair in Robot.from_file(file, MARGIN, "midpoint").watched})
     assert all(more >= fewer for more, fewer in zip(watched, watched[1:], strict=False))
     assert watched[0] > watched[-1]
 
@@ -131,7 +131,7 @@ def test_more_inflation_never_watches_more(tmp_path):
 def test_an_anchor_that_collides_is_refused_with_the_pair(tmp_path):
     inward = edited(ARMS_YAML, ("r_shoulder: -1.5", "r_shoulder: -0.3, r_elbow: 2.0"))
     with pytest.raises(RobotError) as refusal:
-        machine.make(write_arms(tmp_path, inward), MARGIN, "midpoint")
+        Robot.from_file(write_arms(tmp_path, inward), MARGIN, "midpoint")
     assert str(refusal.value) == (
         f"{tmp_path / 'arms.yaml'}: at the anchor body_0 and r_lower_0 overlap by 39.68 mm; "
         "give an anchor that does not collide"
@@ -144,12 +144,12 @@ def test_an_anchor_with_its_hands_in_each_other_is_refused(tmp_path):
     )
     long = edited(ARMS_URDF, ('xyz="0 0 0.25"', 'xyz="0.5 0 0.25"'))
     with pytest.raises(RobotError, match="at the anchor l_lower_0 and r_lower_0 overlap by"):
-        machine.make(write_arms(tmp_path, crossed, long), MARGIN, "midpoint")
+        Robot.from_file(write_arms(tmp_path, crossed, long), MARGIN, "midpoint")
 
 
 def test_an_anchor_closer_than_the_margin_is_refused_with_the_pair(tmp_path):
     with pytest.raises(RobotError) as refusal:
-        machine.make(write_arms(tmp_path), 0.5, "midpoint")
+        Robot.from_file(write_arms(tmp_path), 0.5, "midpoint")
     assert re.fullmatch(
         r".*/arms.yaml: at the anchor \w+ and \w+ are \d+\.\d\d mm apart, the margin is 500 mm; "
         "give another anchor or a smaller margin",
@@ -164,28 +164,28 @@ def test_coman_with_its_arms_down_is_no_anchor(tmp_path):
     )
     (tmp_path / "coman.yaml").write_text(down)
     with pytest.raises(RobotError, match=r"at the anchor \w+ and \w+ overlap by [\d.]+ mm"):
-        machine.make(tmp_path / "coman.yaml", MARGIN, "midpoint")
+        Robot.from_file(tmp_path / "coman.yaml", MARGIN, "midpoint")
 
 
 def test_a_margin_that_the_anchor_just_keeps_is_taken_and_a_little_more_is_refused(tmp_path):
     file = write_arms(tmp_path)
-    made = machine.make(file, 0.0, "midpoint")
-    kept = float(made.certifier().check(made.robot.anchor[None]).clearance[0])
-    machine.make(file, kept, "midpoint")
+    made = Robot.from_file(file, 0.0, "midpoint")
+    kept = float(made.certifier().check(made.anchor[None]).clearance[0])
+    Robot.from_file(file, kept, "midpoint")
     with pytest.raises(RobotError, match="give another anchor or a smaller margin"):
-        machine.make(file, np.nextafter(kept, 1.0), "midpoint")
+        Robot.from_file(file, np.nextafter(kept, 1.0), "midpoint")
 
 
 @pytest.mark.parametrize("margin", [float("nan"), float("inf")], ids=str)
 def test_a_margin_that_no_pose_can_keep_is_refused(tmp_path, margin):
     with pytest.raises(RobotError):
-        machine.make(write_arms(tmp_path), margin, "midpoint")
+        Robot.from_file(write_arms(tmp_path), margin, "midpoint")
 
 
 def test_a_robot_of_which_no_pair_is_left_is_refused(tmp_path):
     urdf = re.sub(r"<collision>.*?</collision>", "", ARMS_URDF, count=4, flags=re.DOTALL)
     with pytest.raises(RobotError) as refusal:
-        machine.make(write_arms(tmp_path, urdf=urdf), MARGIN, "midpoint")
+        Robot.from_file(write_arms(tmp_path, urdf=urdf), MARGIN, "midpoint")
     file = tmp_path / "arms.yaml"
     assert str(refusal.value) == f"{file}: no pair of bodies is left to watch at this anchor"
 
@@ -193,11 +193,11 @@ def test_a_robot_of_which_no_pair_is_left_is_refused(tmp_path):
 def test_the_readable_list_names_every_pair_with_its_reason(tmp_path):
     from s3le.store import tables
 
-    machine.write(coman(), tmp_path)
-    rows = tables.read(ROBOT_PAIRS, tmp_path / machine.PAIRS, coman().tag)
+    coman().write(tmp_path)
+    rows = tables.read(ROBOT_PAIRS, tmp_path / PAIRS, coman().tag)
     assert len(rows["reason"]) == len(coman().pairs)
     assert set(rows["reason"]) == {WATCHED, FIXED, OVERLAP}
 
 
 def test_the_decision_is_the_same_each_time():
-    assert all_pairs(coman().robot) == all_pairs(coman().robot)
+    assert all_pairs(coman()) == all_pairs(coman())

@@ -18,12 +18,12 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.kernels.batch import FALLBACK, SAME, SOLVED
 from s3le.kernels.distance import reach
 from s3le.kernels.solver import blend, clearance_of, minimise, restore
+from s3le.robot.robot import Robot
 from s3le.tuples.certified import projection_counts
 
 SAMPLES, ALPHA = 1500, 0.2
@@ -31,7 +31,7 @@ ROUNDING = 1e-9  # [rad]
 
 
 def project(made, q):
-    return batch.project(made.chain, made.robot.anchor, q, made.margin)
+    return batch.project(made.chain, made.anchor, q, made.margin)
 
 
 def far(a, b):
@@ -43,16 +43,16 @@ def sampled():
     """Relaxed poses, their clipped poses, their projections, and which of them collided."""
     made = coman()
     q = relaxed(made, SAMPLES, 20, ALPHA)
-    clipped = np.clip(q, made.robot.lower, made.robot.upper)
+    clipped = np.clip(q, made.lower, made.upper)
     return q, clipped, project(made, q), batch.clearances(made.chain, clipped) < made.margin
 
 
 def blended(made, q):
     """The authors' projection: clip, then blend towards the anchor until nothing collides."""
-    out = np.clip(q, made.robot.lower, made.robot.upper)
+    out = np.clip(q, made.lower, made.upper)
     balls = reach(made.chain)
     for row in out:
-        assert blend(made.chain, balls, made.robot.anchor, made.margin, row)
+        assert blend(made.chain, balls, made.anchor, made.margin, row)
     return out
 
 
@@ -146,7 +146,7 @@ def test_nothing_to_project_is_nothing():
 def test_progress_adds_up_to_the_rows():
     done = []
     made = coman()
-    batch.project(made.chain, made.robot.anchor, sampled()[0], made.margin, done.append)
+    batch.project(made.chain, made.anchor, sampled()[0], made.margin, done.append)
     assert sum(done) == SAMPLES
 
 
@@ -186,7 +186,7 @@ def test_no_small_feasible_step_leads_nearer():
         here = found.q[row]
         way = rng.normal(size=(400, 11))
         way *= rng.uniform(1e-4, 0.1, (400, 1)) / np.linalg.norm(way, axis=1, keepdims=True)
-        there = np.clip(here + way, made.robot.lower, made.robot.upper)
+        there = np.clip(here + way, made.lower, made.upper)
         there = there[batch.clearances(made.chain, there) >= made.margin]
         gain = np.linalg.norm(here - q[row]) - far(there, q[row])
         assert gain.max(initial=-1.0) < 1e-3  # [rad]
@@ -199,7 +199,7 @@ def test_no_small_feasible_step_leads_nearer():
 def slowly():
     """The reference of COMAN, and the first rows that collide."""
     made = coman()
-    return OneByOne(made.robot, made.watched, made.margin), np.flatnonzero(sampled()[3])[:40]
+    return OneByOne(made, made.watched, made.margin), np.flatnonzero(sampled()[3])[:40]
 
 
 def test_the_reference_s_gradients_are_the_kernels():
@@ -240,7 +240,7 @@ def test_what_the_reference_calls_solved_is_certified():
 
 def test_the_median_projection_is_the_best_pose_that_many_starts_find():
     made, (q, _, found, collided) = coman(), sampled()
-    low, high = made.robot.lower, made.robot.upper
+    low, high = made.lower, made.upper
     rng = np.random.default_rng(32)
     pool = inside_limits(made, 400, 33)
     pool = pool[batch.clearances(made.chain, pool) >= MARGIN]
@@ -296,7 +296,7 @@ NASTY = {
 @pytest.mark.parametrize("make", NASTY.values(), ids=NASTY)
 def test_nasty_poses_are_projected_to_feasible_ones(name, make):
     made = coman(name=name)
-    robot = made.robot
+    robot = made
     q = make(robot.lower, robot.upper, robot.anchor)[None]
     found = project(made, q)
     made.certifier().require(found.q, made.margin)
@@ -327,16 +327,16 @@ def test_a_projection_keeps_any_margin_and_leaves_a_pose_that_only_needs_clippin
     q = relaxed(made, 5, seed, alpha)
     found = project(made, q)
     made.certifier().require(found.q, margin)
-    assert ((made.robot.lower <= found.q) & (found.q <= made.robot.upper)).all()
-    clipped = np.clip(q, made.robot.lower, made.robot.upper)
+    assert ((made.lower <= found.q) & (found.q <= made.upper)).all()
+    clipped = np.clip(q, made.lower, made.upper)
     free = batch.clearances(made.chain, clipped) >= margin
     assert np.array_equal(found.q[free], clipped[free])  # to the bit
 
 
 def test_the_anchor_stays_where_it_is():
     made = coman()
-    found = project(made, made.robot.anchor[None])
-    assert np.array_equal(found.q[0], made.robot.anchor) and found.how[0] == SAME
+    found = project(made, made.anchor[None])
+    assert np.array_equal(found.q[0], made.anchor) and found.how[0] == SAME
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf], ids=str)
@@ -357,7 +357,7 @@ def test_poses_of_another_robot_are_refused():
 @pytest.mark.parametrize("upright", ["[0.0, 0.0, 0.0]", "[0.4, -1.1, 2.3]"], ids=["up", "tilted"])
 def test_another_robot_is_projected_as_well(tmp_path, upright):
     file = write_arms(tmp_path, edited(ARMS_YAML, ("[0.0, 0.0, 0.0]", upright)))
-    made = machine.make(file, MARGIN, "midpoint")
+    made = Robot.from_file(file, MARGIN, "midpoint")
     q = relaxed(made, 400, 30, 0.5)
     found = project(made, q)
     made.certifier().require(found.q, MARGIN)
@@ -367,10 +367,10 @@ def test_another_robot_is_projected_as_well(tmp_path, upright):
 
 def test_a_single_joint_is_clipped_to_its_limit_and_the_others_stay():
     made = coman()
-    q = made.robot.anchor[None].copy()
-    joint = made.robot.joint_names.index("WaistYaw")
+    q = made.anchor[None].copy()
+    joint = made.joint_names.index("WaistYaw")
     q[0, joint] = 2.0
     found = project(made, q)
-    want = made.robot.anchor.copy()
-    want[joint] = made.robot.upper[joint]
+    want = made.anchor.copy()
+    want[joint] = made.upper[joint]
     assert np.array_equal(found.q[0], want) and found.how[0] == SOLVED

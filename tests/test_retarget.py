@@ -37,7 +37,7 @@ DT = 1.0 / 30.0
 @cache
 def stored(n=3000):
     made = coman()
-    q = batch.project(made.chain, made.robot.anchor, relaxed(made, n, 5), MARGIN).q
+    q = batch.project(made.chain, made.anchor, relaxed(made, n, 5), MARGIN).q
     return q, batch.skeletons(made.chain, q)
 
 
@@ -137,7 +137,7 @@ def test_without_the_guard_the_same_motion_breaks_every_promise():
     """Poses as refined, frame by frame: certified each, and not what lies between them."""
     made, human = coman(), motion(240, seed=3)
     it, q = retargeter(), []
-    memory = np.zeros((2, made.robot.n_dof))
+    memory = np.zeros((2, made.n_dof))
     for i, x in enumerate(human):
         refine(
             made.chain, it.swept.balls, x, it.propose(x), memory[0], memory[0], i > 0, it.rule,
@@ -167,8 +167,8 @@ def test_a_pose_that_only_the_independent_check_refuses_is_not_taken(monkeypatch
 def test_refining_comes_near_the_best_there_is_and_never_falls_behind_the_look_up():
     """The best is that of 20 starts by a solver that shares no line with ours."""
     made, it = coman(), retargeter()
-    other = OneByOne(made.robot, made.watched, MARGIN)
-    starts = np.concatenate([made.robot.anchor[None], stored()[0][:19]])
+    other = OneByOne(made, made.watched, MARGIN)
+    starts = np.concatenate([made.anchor[None], stored()[0][:19]])
     x = motion(240, seed=7)[5::80]
     last, q, out, apart = np.zeros(11), np.zeros(11), np.zeros(3), []
     for row in x:
@@ -183,7 +183,7 @@ def test_refining_comes_near_the_best_there_is_and_never_falls_behind_the_look_u
 
 def test_a_still_human_is_reached_and_then_nothing_moves():
     x = motion()[0]
-    stream = retargeter().start(coman().robot.anchor)
+    stream = retargeter().start(coman().anchor)
     steps = [stream.step(x, DT) for _ in range(90)]
     assert {Mode.LEAD_IN, Mode.REFINED} <= {step.mode for step in steps}
     assert steps[-1].distance == pytest.approx(steps[-1].wanted, abs=1e-6)
@@ -263,7 +263,7 @@ def test_a_motion_may_begin_with_frames_that_cannot_be_used():
 
 
 def test_a_lead_in_goes_from_the_given_pose_to_the_first_frame():
-    x, anchor = motion()[:20], coman().robot.anchor
+    x, anchor = motion()[:20], coman().anchor
     found = retargeter().batch(x, np.arange(20) * DT, anchor, lead_in=1.0)
     assert len(found.q) == 50 and found.time[0] == pytest.approx(-1.0)
     assert found.mode[0] == Mode.LEAD_IN

@@ -14,9 +14,9 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch
+from s3le.robot.robot import Robot
 from s3le.skeleton import cosine_distance, face_forward, features
 from s3le.tuples import ik
 from s3le.tuples.ik import TURN, ground_truth, nearest_turn, relaxed_poses
@@ -79,13 +79,13 @@ def test_whatever_is_asked_for_the_ground_truth_is_feasible_by_the_independent_c
 
 
 def objective(made, q, x, ridge):
-    middle = (made.robot.lower + made.robot.upper) / 2
+    middle = (made.lower + made.upper) / 2
     apart = batch.skeletons(made.chain, q) - x
     return 0.5 * (apart**2).sum(axis=1) + 0.5 * ridge * ((q - middle) ** 2).sum(axis=1)
 
 
 def free(made, x, starts, ridge):
-    middle = (made.robot.lower + made.robot.upper) / 2
+    middle = (made.lower + made.upper) / 2
     return batch.follow(made.chain, x, starts, middle, ridge, made.margin, False)
 
 
@@ -102,8 +102,8 @@ def test_constraints_never_make_the_answer_better():
 @pytest.mark.parametrize("constrained", [False, True], ids=["free", "constrained"])
 def test_the_stated_cost_is_the_objective_at_the_returned_pose(constrained):
     made, x = coman(), wild(40, 10)
-    middle = (made.robot.lower + made.robot.upper) / 2
-    starts = np.broadcast_to(made.robot.anchor, (40, 1, 11))
+    middle = (made.lower + made.upper) / 2
+    starts = np.broadcast_to(made.anchor, (40, 1, 11))
     found = batch.follow(made.chain, x, starts, middle, RIDGE, made.margin, constrained)
     assert found.feasible.all()
     assert np.allclose(found.cost, objective(made, found.q, x, RIDGE), rtol=0, atol=1e-9)
@@ -115,7 +115,7 @@ def test_limits_and_collisions_have_an_effect_and_none_where_they_are_off():
     q, _ = relaxed_poses(made, x, RIDGE)
     report = made.certifier().check(q)
     assert (report.clearance < made.margin).any()
-    bent = batch.skeletons(made.chain, made.robot.anchor[None] + [[0, 0, 2.2] + [0] * 8])
+    bent = batch.skeletons(made.chain, made.anchor[None] + [[0, 0, 2.2] + [0] * 8])
     out, residual = relaxed_poses(made, bent, RIDGE)
     assert residual[0] < RECOVERED
     assert made.certifier().check(out).limit_margin[0] < 0.0  # the waist turns farther than it can
@@ -151,8 +151,8 @@ def test_the_answer_does_not_depend_on_the_number_of_threads(monkeypatch, thread
 
 def test_the_relaxed_answer_is_where_the_slope_ends():
     made, x = coman(), humans(10, 18)
-    middle = (made.robot.lower + made.robot.upper) / 2
-    found = free(made, x, np.broadcast_to(made.robot.anchor, (10, 1, 11)), 1e-3)
+    middle = (made.lower + made.upper) / 2
+    found = free(made, x, np.broadcast_to(made.anchor, (10, 1, 11)), 1e-3)
     for pose, want in zip(found.q, x, strict=True):
         here, J = skeleton_and_jacobian(made, pose)
         assert np.abs(J.T @ (here - want) + 1e-3 * (pose - middle)).max() < 1e-5
@@ -161,7 +161,7 @@ def test_the_relaxed_answer_is_where_the_slope_ends():
 def test_a_tilted_robot_is_retargeted_as_an_upright_one(tmp_path):
     tilted = edited(ARMS_YAML, ("[0.0, 0.0, 0.0]", "[0.4, -1.1, 2.3]"))
     for folder, yaml in (("plain", ARMS_YAML), ("tilted", tilted)):
-        made = machine.make(write_arms(tmp_path / folder, yaml), MARGIN, "midpoint")
+        made = Robot.from_file(write_arms(tmp_path / folder, yaml), MARGIN, "midpoint")
         x = batch.skeletons(made.chain, feasible(made, 20, 19))
         q, distance = ground_truth(made, x, 6, RIDGE, stream(20))
         assert distance.max() < RECOVERED
@@ -177,7 +177,7 @@ def violation(q, lower, upper):
 
 def test_the_nearest_turn_violates_the_range_least_of_all_turns():
     made = coman()
-    lower, upper = made.robot.lower, made.robot.upper
+    lower, upper = made.lower, made.upper
     q = 20.0 * relaxed(made, 200, 21)
     best = np.min([violation(q + TURN * k, lower, upper) for k in range(-40, 41)], axis=0)
     assert np.allclose(
@@ -188,7 +188,7 @@ def test_the_nearest_turn_violates_the_range_least_of_all_turns():
 def test_the_nearest_turn_never_changes_the_skeleton():
     made = coman()
     q = 20.0 * relaxed(made, 200, 22)
-    turned = nearest_turn(q, made.robot.lower, made.robot.upper)
+    turned = nearest_turn(q, made.lower, made.upper)
     assert np.allclose(np.cos(turned - q), 1.0, rtol=0, atol=ALGEBRA)
     here, there = (batch.skeletons(made.chain, pose) for pose in (q, turned))
     assert np.allclose(here, there, rtol=0, atol=1e-10)
@@ -197,8 +197,8 @@ def test_the_nearest_turn_never_changes_the_skeleton():
 def test_an_angle_within_half_a_turn_of_mid_range_is_left_to_the_bit():
     made = coman()
     q = relaxed(made, 100, 23)
-    near = np.abs(q - (made.robot.lower + made.robot.upper) / 2) < np.pi
-    turned = nearest_turn(q, made.robot.lower, made.robot.upper)
+    near = np.abs(q - (made.lower + made.upper) / 2) < np.pi
+    turned = nearest_turn(q, made.lower, made.upper)
     assert np.array_equal(turned[near], q[near])
 
 

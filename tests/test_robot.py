@@ -17,10 +17,10 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine
 from s3le.errors import RobotError, TableError
 from s3le.robot import certificate, model, urdf
 from s3le.robot.description import read_description
+from s3le.robot.robot import Robot
 
 FACT = 1e-4  # [m] or [rad], the facts are typed with four decimals
 ALGEBRA = 1e-12  # [m], float64
@@ -42,7 +42,7 @@ ZERO_POSE = {  # [m], arms hanging down
 }  # fmt: skip
 
 
-def points_at(robot: model.Robot, q: np.ndarray) -> dict[str, np.ndarray]:
+def points_at(robot: model.Geometry, q: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip(robot.points, certificate.point_positions(robot, q), strict=True))
 
 
@@ -53,7 +53,7 @@ def points_at(robot: model.Robot, q: np.ndarray) -> dict[str, np.ndarray]:
     ("name", "limits"), [("coman", LIMITS), ("coman_authors", AUTHORS)], ids=["official", "authors"]
 )
 def test_coman_has_eleven_joints_with_the_ranges_of_its_source(name, limits):
-    robot = coman(name=name).robot
+    robot = coman(name=name)
     assert robot.n_dof == 11
     found = {joint.name: (joint.lower, joint.upper) for joint in robot.joints}
     assert found.keys() == limits.keys()
@@ -62,14 +62,14 @@ def test_coman_has_eleven_joints_with_the_ranges_of_its_source(name, limits):
 
 
 def test_coman_stands_where_its_source_says_at_zero():
-    at = points_at(coman().robot, np.zeros(11))
+    at = points_at(coman(), np.zeros(11))
     for role, where in ZERO_POSE.items():
         assert at[role] == pytest.approx(where, abs=FACT), role
 
 
 @pytest.mark.parametrize("side", ["r", "l"])
 def test_coman_s_link_lengths_are_the_measured_ones_in_every_pose(side):
-    robot = coman().robot
+    robot = coman()
     for q in np.random.default_rng(1).uniform(robot.lower, robot.upper, (20, 11)):
         at = points_at(robot, q)
         neck = (at["r_shoulder"] + at["l_shoulder"]) / 2
@@ -82,13 +82,13 @@ def test_coman_s_link_lengths_are_the_measured_ones_in_every_pose(side):
 
 
 def test_coman_s_anchor_is_the_t_pose():
-    at = points_at(coman().robot, coman().robot.anchor)
+    at = points_at(coman(), coman().anchor)
     assert at["l_hand"] - at["l_shoulder"] == pytest.approx([0, 0.3747, 0], abs=0.016)
     assert at["r_hand"] - at["r_shoulder"] == pytest.approx([0, -0.3747, 0], abs=0.016)
 
 
 def test_coman_s_arms_mirror_each_other():
-    robot = coman().robot
+    robot = coman()
     flipped = {"Lat", "Yaw"}  # joints whose axis is not across the body change their sign
     for q in np.random.default_rng(2).uniform(robot.lower, robot.upper, (10, 11)):
         by_name = dict(zip(robot.joint_names, q, strict=True))
@@ -102,7 +102,7 @@ def test_coman_s_arms_mirror_each_other():
 
 
 def test_the_two_coman_files_differ_only_in_their_ranges_and_so_in_their_digest():
-    ours, theirs = coman().robot, coman(name="coman_authors").robot
+    ours, theirs = coman(), coman(name="coman_authors")
     assert ours.digest != theirs.digest
     assert ours.joint_names == theirs.joint_names
     for a, b in zip(ours.bodies, theirs.bodies, strict=True):
@@ -115,14 +115,14 @@ def test_the_two_coman_files_differ_only_in_their_ranges_and_so_in_their_digest(
 
 @pytest.mark.parametrize("file", sorted(ROBOTS.glob("*.yaml")), ids=lambda f: f.stem)
 def test_every_robot_of_the_project_loads_and_its_anchor_is_feasible(file):
-    made = machine.make(file, MARGIN, "midpoint")
-    report = made.certifier().require(made.robot.anchor[None], MARGIN)
+    made = Robot.from_file(file, MARGIN, "midpoint")
+    report = made.certifier().require(made.anchor[None], MARGIN)
     assert report.clearance[0] >= MARGIN and report.limit_margin[0] >= 0.0
 
 
 def test_a_machine_that_was_written_is_read_back_the_same(tmp_path):
-    machine.write(coman(), tmp_path / "robot")
-    again = machine.read(tmp_path / "robot")
+    coman().write(tmp_path / "robot")
+    again = Robot.read(tmp_path / "robot")
     assert again.tag == coman().tag
     assert again.pairs == coman().pairs
 
@@ -244,7 +244,7 @@ def test_a_sphere_is_a_capsule_without_length(tmp_path):
 
 
 def test_coman_s_feet_are_boxes_within_their_capsules():
-    feet = [body for body in coman().robot.bodies if body.shape == "box"]
+    feet = [body for body in coman().bodies if body.shape == "box"]
     assert len(feet) == 2
     assert all(body.joint == -1 for body in feet)
 
@@ -446,7 +446,7 @@ def words(refusal: Exception, folder: Path) -> str:
 def test_a_robot_file_that_cannot_be_used_is_refused_in_one_line(tmp_path, changes, want):
     file = write_arms(tmp_path, edited(ARMS_YAML, *changes))
     with pytest.raises(RobotError) as refusal:
-        machine.make(file, MARGIN, "midpoint")
+        Robot.from_file(file, MARGIN, "midpoint")
     assert words(refusal.value, tmp_path) == want
 
 
@@ -454,7 +454,7 @@ def test_a_robot_file_that_cannot_be_used_is_refused_in_one_line(tmp_path, chang
 def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(tmp_path, changes, want):
     file = write_arms(tmp_path, urdf=edited(ARMS_URDF, *changes))
     with pytest.raises(RobotError) as refusal:
-        machine.make(file, MARGIN, "midpoint")
+        Robot.from_file(file, MARGIN, "midpoint")
     assert words(refusal.value, tmp_path) == want
 
 
@@ -594,13 +594,13 @@ def test_standard_error_is_as_before_after_a_quiet_block(closed, capfd):
     ids=["no margin", "a word", "negative", "another neck", "twice", "deep"],
 )  # fmt: skip
 def test_damaged_settings_of_a_machine_are_refused(tmp_path, text):
-    machine.write(coman(), tmp_path)
+    coman().write(tmp_path)
     (tmp_path / "settings.json").write_text(text)
     with pytest.raises((RobotError, TableError), match="settings.json.*dvc repro robot"):
-        machine.read(tmp_path)
+        Robot.read(tmp_path)
 
 
 def test_an_unknown_neck_is_refused(tmp_path):
     with pytest.raises(RobotError) as refusal:
-        machine.make(write_arms(tmp_path), MARGIN, "thorax")
+        Robot.from_file(write_arms(tmp_path), MARGIN, "thorax")
     assert str(refusal.value) == "neck must be one of midpoint, joint, got 'thorax'"

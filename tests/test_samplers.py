@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from worlds import ARMS_YAML, MARGIN, ROBOTS, coman, edited, write_arms
 
-from s3le import machine, skeleton
+from s3le import skeleton
 from s3le.errors import ParameterError
 from s3le.kernels import batch
+from s3le.robot.robot import Robot
 from s3le.tuples import samplers
 from s3le.tuples.samplers import SAMPLERS, draw, limbs, mirror_signs
 from s3le.tuples.sampling import relaxed_limits
@@ -19,7 +20,7 @@ def stream(seed):
 
 
 def box(made, alpha=0.2):
-    return relaxed_limits(made.robot.lower, made.robot.upper, alpha)
+    return relaxed_limits(made.lower, made.upper, alpha)
 
 
 def rows(name, made, count, shard=0, first=0, seed=7):
@@ -49,9 +50,9 @@ def robots(tmp_path_factory):
     (folder / "stiff.yaml").write_text(stiff, encoding="utf-8")
     return {
         "coman": coman(),
-        "no trunk": machine.make(write_arms(folder / "arms"), MARGIN, "midpoint"),
-        "unequal arms": machine.make(write_arms(folder / "un", unequal), MARGIN, "midpoint"),
-        "no arms": machine.make(folder / "stiff.yaml", MARGIN, "midpoint"),
+        "no trunk": Robot.from_file(write_arms(folder / "arms"), MARGIN, "midpoint"),
+        "unequal arms": Robot.from_file(write_arms(folder / "un", unequal), MARGIN, "midpoint"),
+        "no arms": Robot.from_file(folder / "stiff.yaml", MARGIN, "midpoint"),
     }
 
 
@@ -67,7 +68,7 @@ def test_poses_lie_in_the_box_and_move_every_joint(robots, name, robot):
     made = robots[robot]
     lower, upper = box(made)
     q = rows(name, made, 2000)
-    assert q.shape == (2000, made.robot.n_dof) and np.isfinite(q).all()
+    assert q.shape == (2000, made.n_dof) and np.isfinite(q).all()
     assert (q >= lower).all() and (q <= upper).all()
     assert (q.std(axis=0) > 0.02 * (upper - lower)).all()
 
@@ -104,8 +105,8 @@ def test_rows_do_not_depend_on_the_number_of_threads(monkeypatch, name):
 @pytest.mark.parametrize("name", SAMPLERS)
 def test_a_box_of_one_pose_gives_that_pose(name):
     made = coman()
-    q = draw(name, made, made.robot.anchor, made.robot.anchor, 0, 5, stream(0), 0)
-    np.testing.assert_allclose(q, np.tile(made.robot.anchor, (5, 1)), rtol=0, atol=ALGEBRA)
+    q = draw(name, made, made.anchor, made.anchor, 0, 5, stream(0), 0)
+    np.testing.assert_allclose(q, np.tile(made.anchor, (5, 1)), rtol=0, atol=ALGEBRA)
 
 
 # --- refusals
@@ -149,7 +150,7 @@ def test_what_cannot_be_drawn_from_is_refused(name, change, words):
 
 def test_comans_joints_are_sorted_by_the_hands_they_move():
     found = limbs(coman())
-    names = np.array(coman().robot.joint_names)
+    names = np.array(coman().joint_names)
     assert list(names[found.trunk]) == ["WaistLat", "WaistSag", "WaistYaw"]
     assert list(names[found.right]) == ["RShSag", "RShLat", "RShYaw", "RElbj"]
     assert list(names[found.left]) == ["LShSag", "LShLat", "LShYaw", "LElbj"]
@@ -243,7 +244,7 @@ def test_rest_leaves_the_arms_uniform():
 def elbows(made, q):
     """Height of both upper arms' directions beside an upright trunk, (n, 2)."""
     q = q.copy()
-    q[:, limbs(made).trunk] = made.robot.anchor[limbs(made).trunk]
+    q[:, limbs(made).trunk] = made.anchor[limbs(made).trunk]
     bones = batch.skeletons(made.chain, q).reshape(len(q), 7, 3)
     return bones[:, [2, 5], 2]
 
@@ -271,7 +272,7 @@ def test_arms_drawn_by_themselves_are_clear_of_the_trunk_more_often_than_uniform
     made = coman()
     shares = []
     for name in ("arms", "uniform"):
-        clipped = np.clip(rows(name, made, 2000), made.robot.lower, made.robot.upper)
+        clipped = np.clip(rows(name, made, 2000), made.lower, made.upper)
         shares.append((batch.clearances(made.chain, clipped) >= made.margin).mean())
     assert shares[0] > shares[1] + 0.2
 

@@ -38,7 +38,7 @@ def test_the_middle_of_a_range_stays(alpha, low, width):
 
 
 def test_no_relaxation_is_the_robot_s_own_limits_to_the_bit():
-    robot = coman().robot
+    robot = coman()
     lower, upper = relaxed_limits(robot.lower, robot.upper, 0.0)
     assert np.array_equal(lower, robot.lower) and np.array_equal(upper, robot.upper)
 
@@ -55,7 +55,7 @@ def test_a_relaxation_that_is_none_is_refused(alpha):
 
 def skeletons(seed, n=50):
     made = coman()
-    low, high = made.robot.lower, made.robot.upper
+    low, high = made.lower, made.upper
     return batch.skeletons(made.chain, stream(seed).uniform(low, high, (n, 11)))
 
 
@@ -91,8 +91,8 @@ def test_bones_that_cancel_do_not_become_nan():
 
 
 def tuples(made, n, seed, alpha=0.2, renormalise=False):
-    low, high = relaxed_limits(made.robot.lower, made.robot.upper, alpha)
-    q = stream(seed).uniform(low, high, (n, made.robot.n_dof))
+    low, high = relaxed_limits(made.lower, made.upper, alpha)
+    q = stream(seed).uniform(low, high, (n, made.n_dof))
     mix = stream(seed + 100).uniform(size=n)
     return sampling.tuples(made, q, mix, renormalise, sampling.projector(made, "cpu"))
 
@@ -103,7 +103,7 @@ def test_a_tuple_is_what_its_columns_say(renormalise):
     drawn = tuples(made, 400, 11, 0.5, renormalise)
     assert np.array_equal(drawn.x_relaxed, batch.skeletons(made.chain, drawn.q_relaxed))
     assert np.array_equal(drawn.x_feasible, batch.skeletons(made.chain, drawn.q_feasible))
-    projected = batch.project(made.chain, made.robot.anchor, drawn.q_relaxed, made.margin)
+    projected = batch.project(made.chain, made.anchor, drawn.q_relaxed, made.margin)
     assert np.array_equal(drawn.q_feasible, projected.q)
     assert np.array_equal(drawn.how, projected.how)
     again = mixup(drawn.x_relaxed, drawn.x_feasible, drawn.mix, renormalise)

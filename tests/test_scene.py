@@ -30,7 +30,7 @@ def wave(folder, frames=30, by=3.0):
 
 
 def moving(folder, rows=30, name="walk", about=None, modes=True):
-    robot = coman().robot
+    robot = coman()
     q = np.repeat(robot.anchor[None], rows, 0)
     q[:, 3] += 0.3 * np.sin(np.arange(rows) / 10)
     mode = np.full(rows, "refined", "U8")
@@ -157,7 +157,7 @@ def test_kinds_are_told_from_modes_or_from_what_the_robot_does(tmp_path):
     dense = replace(shown.trajectory, mode=mode)
     kind = pace.kinds(shown._replace(trajectory=dense), dense.time)
     assert pace.spans(kind) == [(3, 9, pace.HELD), (12, 14, pace.SLOWED)]
-    robot = coman().robot
+    robot = coman()
     q = np.repeat(robot.anchor[None], 6, 0)
     q[3:, 0] += 0.01
     files.write(trajectory.make("m", robot.joint_names, np.arange(6.0), q), tmp_path / "m.csv")
@@ -181,8 +181,8 @@ def test_frames_of_the_joints_carry_the_bodies_where_the_kernels_have_them():
     made = coman()
     q = relaxed(made, 3, 2)
     for pose, ends in zip(q, batch.capsule_ends(made.chain, q), strict=True):
-        at = Poser(made.robot).place(pose)
-        for body, (a, _) in zip(made.robot.bodies, ends, strict=True):
+        at = Poser(made).place(pose)
+        for body, (a, _) in zip(made.bodies, ends, strict=True):
             w, v = at.wxyz[body.joint + 1][0], at.wxyz[body.joint + 1][1:]
             turned = body.a + 2 * np.cross(v, np.cross(v, body.a) + w * body.a)
             np.testing.assert_allclose(turned + at.position[body.joint + 1], a, atol=1e-12)
@@ -190,7 +190,7 @@ def test_frames_of_the_joints_carry_the_bodies_where_the_kernels_have_them():
 
 def test_the_closest_points_lie_on_the_two_bodies_as_far_apart_as_is_said():
     made = coman()
-    near = Nearness(made.robot, made.watched)
+    near = Nearness(made, made.watched)
     for pose in relaxed(made, 20, 3):
         found = near.closest(pose)
         report = made.certifier().check(pose[None])
@@ -203,7 +203,7 @@ def test_the_closest_points_lie_on_the_two_bodies_as_far_apart_as_is_said():
             a, along = ends[body, 0], ends[body, 1] - ends[body, 0]
             t = np.clip((point - a) @ along / max(along @ along, 1e-18), 0.0, 1.0)
             away = np.linalg.norm(point - a - t * along)
-            assert away == pytest.approx(made.robot.bodies[body].radius, abs=1e-6)
+            assert away == pytest.approx(made.bodies[body].radius, abs=1e-6)
 
 
 VISUAL = """<visual><origin xyz="0 0 0.1" rpy="0 0 1.5707963267948966"/><geometry>
@@ -250,7 +250,7 @@ def test_meshes_may_come_from_the_urdf_that_a_robot_was_made_of(tmp_path):
 
 
 def test_coman_has_no_meshes():
-    assert visual.visuals(coman().robot) == []
+    assert visual.visuals(coman()) == []
 
 
 # --- the rays

@@ -142,7 +142,7 @@ def test_a_retargeted_clip_knows_its_human(tmp_path, monkeypatch):
     clip = wave(tmp_path)
     assert run("retarget", clip, "--out", tmp_path / "out").exit_code == 0
     shown = moving(tmp_path)  # for its machine
-    made = motions.read(tmp_path / "out" / "wave.parquet", shown.machine)
+    made = motions.read(tmp_path / "out" / "wave.parquet", shown.robot)
     assert motions.recorded_clip(made) == (tmp_path / "out" / "../clips/wave.bvh", "")
     assert json.loads((tmp_path / "out" / "wave.json").read_text())[motions.CLIP_HASH]
 

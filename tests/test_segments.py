@@ -23,11 +23,11 @@ from worlds import (
     write_arms,
 )
 
-from s3le import machine
 from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.kernels.threads import use_threads
 from s3le.robot.certificate import placements
+from s3le.robot.robot import Robot
 from s3le.safety import paths, segment
 from s3le.safety.judge import Judge
 from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, Prover, certify
@@ -41,19 +41,19 @@ ROUNDING = 2e-9  # [m], taken off what is proven
 
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory):
-    return machine.make(write_arms(tmp_path_factory.mktemp("arms")), MARGIN, "midpoint")
+    return Robot.from_file(write_arms(tmp_path_factory.mktemp("arms")), MARGIN, "midpoint")
 
 
 @pytest.fixture(scope="module")
 def turned(tmp_path_factory):
     """The two-armed robot with its base lying on a side."""
     lying = edited(ARMS_YAML, ("base_rpy: [0.0, 0.0, 0.0]", "base_rpy: [0.4, -1.2, 2.0]"))
-    return machine.make(write_arms(tmp_path_factory.mktemp("turned"), lying), MARGIN, "midpoint")
+    return Robot.from_file(write_arms(tmp_path_factory.mktemp("turned"), lying), MARGIN, "midpoint")
 
 
 def feasible(made, n, seed):
     """Feasible poses, about half of them as close to a collision as allowed, (n, n_dof) [rad]."""
-    return batch.project(made.chain, made.robot.anchor, relaxed(made, n, seed), MARGIN).q
+    return batch.project(made.chain, made.anchor, relaxed(made, n, seed), MARGIN).q
 
 
 @cache
@@ -62,8 +62,8 @@ def steps(speed: float, n: int = 400, seed: int = 1):
     made, most = coman(), speed / 30.0
     q0 = feasible(made, n, seed)
     q1 = q0 + np.random.default_rng(seed).uniform(-most, most, q0.shape)
-    q1 = np.clip(q1, made.robot.lower, made.robot.upper)
-    q1 = batch.project(made.chain, made.robot.anchor, q1, MARGIN).q
+    q1 = np.clip(q1, made.lower, made.upper)
+    q1 = batch.project(made.chain, made.anchor, q1, MARGIN).q
     near = np.abs(q1 - q0).max(axis=1) <= 1.001 * most
     return q0[near], q1[near]
 
@@ -123,8 +123,8 @@ def test_a_counterexample_is_one_to_coal(speed):
 )
 def test_proofs_hold_on_random_steps_of_two_arms(arms, seed, size, margin):
     rng = np.random.default_rng(seed)
-    q = batch.project(arms.chain, arms.robot.anchor, relaxed(arms, 1, seed), MARGIN).q[0]
-    end = np.clip(q + rng.uniform(-size, size, 4), arms.robot.lower, arms.robot.upper)
+    q = batch.project(arms.chain, arms.anchor, relaxed(arms, 1, seed), MARGIN).q[0]
+    end = np.clip(q + rng.uniform(-size, size, 4), arms.lower, arms.upper)
     one = Prover(arms, margin).step(q, end)
     sampled = batch.clearances(arms.chain, at(q, end, np.linspace(0, 1, 400)))
     if one.status == COLLIDES:
@@ -168,8 +168,8 @@ def arms_gap(names, pose, limb):
 
 
 def test_an_arm_that_swings_through_the_trunk_collides_where_geometry_says(arms):
-    names = arms.robot.joint_names
-    start, end = arms.robot.anchor.copy(), arms.robot.anchor.copy()
+    names = arms.joint_names
+    start, end = arms.anchor.copy(), arms.anchor.copy()
     end[names.index("r_shoulder")] = 3.0  # the straight arm swings down, through, and up
     q = np.stack([start, end, start])
     arms.certifier().require(q, MARGIN)
@@ -194,9 +194,9 @@ def test_an_arm_that_swings_past_a_ball_is_certified_by_the_gap_it_leaves(tmp_pa
         ('<origin xyz="0 0 0.25"/>', f'<origin xyz="0 {y:.17g} {z:.17g}"/>'),
         ('<capsule radius="0.1" length="0.3"/>', '<sphere radius="0.1"/>'),
     )
-    made = machine.make(write_arms(tmp_path, urdf=urdf), MARGIN, "midpoint")
-    ends = np.tile(made.robot.anchor, (2, 1))
-    ends[:, made.robot.joint_names.index("r_shoulder")] = -0.6, 1.1
+    made = Robot.from_file(write_arms(tmp_path, urdf=urdf), MARGIN, "midpoint")
+    ends = np.tile(made.anchor, (2, 1))
+    ends[:, made.joint_names.index("r_shoulder")] = -0.6, 1.1
     made.certifier().require(ends, 0.02)
     found = certify(made, ends, BETWEEN)
     if gap > BETWEEN:
@@ -257,8 +257,8 @@ def test_no_point_of_a_body_travels_or_turns_aside_more_than_its_bound(request, 
 
 
 def test_the_travel_bound_is_reached_by_a_joint_that_swings_a_straight_arm(arms):
-    names = [body.name for body in arms.robot.bodies]
-    forearm, shoulder = names.index("r_lower_0"), arms.robot.joint_names.index("r_shoulder")
+    names = [body.name for body in arms.bodies]
+    forearm, shoulder = names.index("r_lower_0"), arms.joint_names.index("r_shoulder")
     q1 = np.zeros(4)
     q1[shoulder] = 0.7
     shape = (len(names), 5)
@@ -272,7 +272,7 @@ def test_the_travel_bound_is_reached_by_a_joint_that_swings_a_straight_arm(arms)
 def test_the_carrier_of_a_pair_is_the_last_frame_that_moves_both():
     made = coman()
     for (a, b), frame in zip(made.watched, swept(made.chain).carrier, strict=True):
-        path_a, path_b = (made.robot.chain(made.robot.bodies[k].joint) for k in (a, b))
+        path_a, path_b = (made.path_to(made.bodies[k].joint) for k in (a, b))
         shared = [j for j in path_a if j in path_b]
         assert frame == (shared[-1] + 1 if shared else 0)
 
@@ -322,7 +322,7 @@ def test_a_path_of_no_length_is_as_clear_as_its_pose():
 
 def test_a_pose_that_collides_is_found_at_either_end():
     made = coman()
-    down, anchor = np.zeros(11), made.robot.anchor  # arms down: the hands are in the thighs
+    down, anchor = np.zeros(11), made.anchor  # arms down: the hands are in the thighs
     found = certify(made, np.stack([down, anchor, down]), BETWEEN)
     assert found.status.tolist() == [COLLIDES, COLLIDES]
     assert found.t.tolist() == [0.0, 1.0] and found.until.tolist() == [0.0, 0.0]
@@ -343,7 +343,7 @@ def test_a_path_and_its_reverse_are_judged_alike():
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308, 2e3], ids=str)
 def test_what_is_not_finite_is_never_certified(bad):
     made = coman()
-    q = np.tile(made.robot.anchor, (5, 1))
+    q = np.tile(made.anchor, (5, 1))
     assert (certify(made, q, BETWEEN).status == CERTIFIED).all()
     q[2, 4] = bad
     found = certify(made, q, BETWEEN)
@@ -426,8 +426,8 @@ def test_no_point_of_a_body_moves_more_than_a_millimetre_between_poses_of_the_ju
         poses = judge.poses(a, b)
         assert np.array_equal(poses[[0, -1]], [a, b])
         row = len(poses) // 2
-        before, after = (placements(made.robot, pose) for pose in poses[row : row + 2])
-        for one, two, body in zip(before, after, made.robot.bodies, strict=True):
+        before, after = (placements(made, pose) for pose in poses[row : row + 2])
+        for one, two, body in zip(before, after, made.bodies, strict=True):
             half = np.linalg.norm(body.b - body.a) / 2
             skin = body.radius * way + np.sign(way[:, 2:]) * [0.0, 0.0, half]
             first, then = (skin @ at.getRotation().T + at.getTranslation() for at in (one, two))

@@ -9,9 +9,9 @@ import polars as pl
 import pytest
 from worlds import MARGIN, coman
 
-from s3le import machine
 from s3le.errors import ParameterError, RobotError, TableError
 from s3le.kernels import batch
+from s3le.robot.robot import Robot
 from s3le.store import tables
 from s3le.tuples.engine import key, run
 from s3le.tuples.engine.task import Job
@@ -26,8 +26,8 @@ TUPLES, POSES = kinematic_pairs(11, MARGIN), robot_poses(11, MARGIN)
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("robot")
-    machine.write(coman(), folder)
-    return machine.carried(folder)
+    coman().write(folder)
+    return Robot.read(folder).to_bytes()
 
 
 def tuple_task(files, **other):
@@ -77,7 +77,7 @@ def test_a_shard_is_repeatable_and_no_two_are_alike(files, task):
 
 
 def test_relaxed_poses_fill_the_relaxed_box_and_no_more(files):
-    robot = coman().robot
+    robot = coman()
     q = columns(tuple_task(files, shard_rows=3000).make(Job(0, 3000)))["q_relaxed"]
     lower, upper = relaxed_limits(robot.lower, robot.upper, 0.2)
     assert (q >= lower).all() and (q <= upper).all()
@@ -92,7 +92,7 @@ def test_counts_of_a_shard_are_those_of_its_rows(files):
     counts = made.counts
     assert counts["feasible"] + counts["solved"] + counts["fallback"] == 300
     assert counts["feasible"] == (rows["projection"] == "feasible already").sum()
-    clipped = np.clip(rows["q_relaxed"], coman().robot.lower, coman().robot.upper)
+    clipped = np.clip(rows["q_relaxed"], coman().lower, coman().upper)
     moved = np.linalg.norm(rows["q_feasible"] - clipped, axis=1)
     collided = batch.clearances(coman().chain, clipped) < MARGIN
     assert counts["collided"] == collided.sum()
@@ -239,7 +239,7 @@ def test_a_relaxation_that_is_none_is_refused(files, alpha):
 
 def test_a_robot_folder_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(RobotError, match="write it with: dvc repro robot"):
-        machine.carried(tmp_path)
+        Robot.read(tmp_path).to_bytes()
 
 
 def test_a_device_that_is_not_there_is_refused(files):

@@ -343,14 +343,14 @@ def test_memory_cannot_be_claimed_by_a_long_line(tmp_path, monkeypatch):
 
 
 def of_coman(q=None, joints=None, **more):
-    robot = coman().robot
+    robot = coman()
     q = np.repeat(robot.anchor[None], 3, 0) if q is None else q
     joints = robot.joint_names if joints is None else joints
     return trajectory.make("walk.csv", joints, np.arange(len(q)) / 30, q, **more)
 
 
 def test_joints_come_into_the_robots_order_whatever_theirs():
-    robot = coman().robot
+    robot = coman()
     q = np.repeat(robot.anchor[None], 3, 0) + np.arange(11) / 100
     names = robot.joint_names[::-1]
     found = fit(of_coman(q[:, ::-1], names), robot)
@@ -361,7 +361,7 @@ def test_joints_come_into_the_robots_order_whatever_theirs():
 
 
 def test_the_base_is_left_out_and_said():
-    robot = coman().robot
+    robot = coman()
     q = np.hstack([np.ones((3, 2)), np.repeat(robot.anchor[None], 3, 0)])
     found = fit(of_coman(q, ["root_x", "qw", *robot.joint_names]), robot)
     assert found.notes == ["columns of the base are left out: root_x, qw"]
@@ -378,7 +378,7 @@ def test_the_base_is_left_out_and_said():
     ids=["missing", "misspelt", "extra", "twice"],
 )
 def test_joints_that_do_not_fit_are_refused_by_name(change, words):
-    robot = coman().robot
+    robot = coman()
     names = change(robot.joint_names)
     q = np.zeros((3, len(names)))
     with pytest.raises(TrajectoryError) as caught:
@@ -389,7 +389,7 @@ def test_joints_that_do_not_fit_are_refused_by_name(change, words):
 
 
 def test_a_joint_that_the_robot_holds_may_stand_there_and_not_move():
-    robot = coman().robot
+    robot = coman()
     q = np.hstack([np.repeat(robot.anchor[None], 3, 0), np.zeros((3, 1))])
     names = [*robot.joint_names, "LWrj1"]
     assert fit(of_coman(q, names), robot).trajectory.q.shape == (3, 11)
@@ -399,7 +399,7 @@ def test_a_joint_that_the_robot_holds_may_stand_there_and_not_move():
 
 
 def test_degrees_are_suspected_and_read_as_such():
-    robot = coman().robot
+    robot = coman()
     q = np.repeat(robot.anchor[None], 3, 0)
     (note,) = fit(of_coman(np.rad2deg(q)), robot).notes
     assert "LShLat is 90 rad" in note and "--degrees" in note
@@ -408,7 +408,7 @@ def test_degrees_are_suspected_and_read_as_such():
 
 
 def test_a_file_of_another_robot_is_told_apart():
-    (note,) = fit(of_coman(about={"robot": "x", "robot_hash": "00"}), coman().robot).notes
+    (note,) = fit(of_coman(about={"robot": "x", "robot_hash": "00"}), coman()).notes
     assert "made for robot x 00" in note
 
 

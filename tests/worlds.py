@@ -6,10 +6,9 @@ from pathlib import Path
 import coal
 import numpy as np
 
-from s3le import machine
 from s3le.kernels.distance import near_pairs, place_capsules, reach
 from s3le.kernels.kinematics import bones, place
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.skeleton import POINTS
 
 ROBOTS = Path(__file__).parents[1] / "data" / "robots"
@@ -17,19 +16,19 @@ MARGIN = 0.002  # [m], params.yaml's default
 
 
 @cache
-def coman(margin: float = MARGIN, name: str = "coman", neck: str = "midpoint") -> Machine:
-    return machine.make(ROBOTS / f"{name}.yaml", margin, neck)
+def coman(margin: float = MARGIN, name: str = "coman", neck: str = "midpoint") -> Robot:
+    return Robot.from_file(ROBOTS / f"{name}.yaml", margin, neck)
 
 
-def inside_limits(made: Machine, n: int, seed: int) -> np.ndarray:
+def inside_limits(made: Robot, n: int, seed: int) -> np.ndarray:
     """Poses uniform in the joint box, (n, n_dof) [rad]."""
     rng = np.random.default_rng(seed)
-    return rng.uniform(made.robot.lower, made.robot.upper, (n, made.robot.n_dof))
+    return rng.uniform(made.lower, made.upper, (n, made.n_dof))
 
 
-def relaxed(made: Machine, n: int, seed: int, alpha: float = 0.2) -> np.ndarray:
+def relaxed(made: Robot, n: int, seed: int, alpha: float = 0.2) -> np.ndarray:
     """Poses uniform in the box that is alpha wider, (n, n_dof) [rad]."""
-    low, high = made.robot.lower, made.robot.upper
+    low, high = made.lower, made.upper
     slack = alpha / 2 * (high - low)
     return np.random.default_rng(seed).uniform(low - slack, high + slack, (n, len(low)))
 
@@ -117,9 +116,9 @@ def arms_points(q: dict[str, float]) -> dict[str, np.ndarray]:
 # --- the kernels, one pose at a time
 
 
-def placed(made: Machine, q: np.ndarray) -> tuple[np.ndarray, ...]:
+def placed(made: Robot, q: np.ndarray) -> tuple[np.ndarray, ...]:
     """R, p, z and capsule ends of one pose as the kernels place them."""
-    n, chain = made.robot.n_dof, made.chain
+    n, chain = made.n_dof, made.chain
     R, p, z = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((n, 3))
     place(chain, np.ascontiguousarray(q, float), R, p, z)
     ends = np.empty((len(chain.body_radius), 3, 3))
@@ -127,18 +126,18 @@ def placed(made: Machine, q: np.ndarray) -> tuple[np.ndarray, ...]:
     return R, p, z, ends
 
 
-def pair_distances(made: Machine, q: np.ndarray, band: float) -> tuple[np.ndarray, np.ndarray]:
+def pair_distances(made: Robot, q: np.ndarray, band: float) -> tuple[np.ndarray, np.ndarray]:
     """Distances [m] and gradients [m/rad] of the pairs within band that the solver sees."""
     _, p, z, ends = placed(made, q)
-    n, chain = made.robot.n_dof, made.chain
+    n, chain = made.n_dof, made.chain
     d, G = np.empty(len(chain.pair)), np.empty((len(chain.pair), n))
     found = near_pairs(chain, ends, reach(chain), p, z, band, d, G)
     return d[:found], G[:found]
 
 
-def skeleton_and_jacobian(made: Machine, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def skeleton_and_jacobian(made: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     R, p, z, _ = placed(made, q)
-    x, J = np.empty(21), np.empty((21, made.robot.n_dof))
+    x, J = np.empty(21), np.empty((21, made.n_dof))
     bones(made.chain, R, p, z, x, J)
     return x, J
 
@@ -268,7 +267,7 @@ def _length(v: np.ndarray) -> float:
     return np.sqrt(v @ v)
 
 
-def all_clearances(made: Machine, ends: np.ndarray) -> np.ndarray:
+def all_clearances(made: Robot, ends: np.ndarray) -> np.ndarray:
     """Signed distance of every watched pair at one pose [m], without any shortcut."""
     radius = made.chain.body_radius
     return np.array(

@@ -13,8 +13,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from s3le.machine import Machine
-from s3le.robot.model import containing_capsule_of_box, reduced
+from s3le.robot.model import containing_capsule_of_box
+from s3le.robot.robot import Robot
 
 try:
     import mujoco
@@ -43,23 +43,22 @@ class Coal:
     name = "coal"
     agrees = 1e-12  # where a box is turned into a capsule, the last digit may differ
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, robot: Robot) -> None:
         """Build the model from the URDF."""
-        robot = machine.robot
-        self._model, self._geometry = reduced(robot.description)
+        self._model, self._geometry = robot.reduced()
         for at in self._model.jointPlacements:
             at.translation = at.translation * _UNIT
         for item in self._geometry.geometryObjects:
             _to_capsule(item)
         number = {item.name: i for i, item in enumerate(self._geometry.geometryObjects)}
-        for a, b in machine.watched:
+        for a, b in robot.watched:
             names = robot.bodies[a].name, robot.bodies[b].name
             self._geometry.addCollisionPair(pin.CollisionPair(*(number[name] for name in names)))
         self._data = self._model.createData()
         self._whole, self._scratch = (pin.GeometryData(self._geometry) for _ in range(2))
         # These are views: what is measured next is seen in them.
         self._every = list(self._whole.distanceResults)
-        self._on = np.ones(len(machine.watched), bool)  # which pairs scratch measures
+        self._on = np.ones(len(robot.watched), bool)  # which pairs scratch measures
 
     def pairs(self, q: np.ndarray) -> np.ndarray:
         """See Engine."""
@@ -94,7 +93,7 @@ class Mujoco:
     name = "mujoco"
     agrees = 1e-7
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, robot: Robot) -> None:
         """Let MuJoCo read the URDF.
 
         Raises:
@@ -102,15 +101,15 @@ class Mujoco:
         """
         if mujoco is None:
             raise ImportError("mujoco is not installed: pip install mujoco")
-        text = machine.robot.description
-        self._model = spec_of(machine).compile()
+        text = robot.description
+        self._model = spec_of(robot).compile()
         self._data = mujoco.MjData(self._model)
         for joint, angle in text.hold.items():
             self._data.qpos[self._model.joint(joint).qposadr[0]] = angle
-        names = machine.robot.joint_names
+        names = robot.joint_names
         self._at = np.array([self._model.joint(name).qposadr[0] for name in names])
-        geom = [self._model.geom(body.name).id for body in machine.robot.bodies]
-        self._pair = [(geom[a], geom[b]) for a, b in machine.watched]
+        geom = [self._model.geom(body.name).id for body in robot.bodies]
+        self._pair = [(geom[a], geom[b]) for a, b in robot.watched]
 
     def pairs(self, q: np.ndarray) -> np.ndarray:
         """See Engine."""
@@ -133,9 +132,9 @@ class Mujoco:
         )
 
 
-def spec_of(machine: Machine) -> "mujoco.MjSpec":
+def spec_of(robot: Robot) -> "mujoco.MjSpec":
     """MuJoCo's reading of a robot's URDF, its boxes replaced by the capsules that contain them."""
-    text = machine.robot.description
+    text = robot.description
     spec = mujoco.MjSpec.from_string(Path(text.urdf).read_text(encoding="utf-8"))
     spec.compiler.fusestatic = False
     spec.compiler.boundmass = spec.compiler.boundinertia = 1.0  # only places are asked for

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from engines import Engine
 
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.safety.judge import reaches
 
 STEP = 0.001  # [m], most that a point of a body moves between two samples
@@ -53,7 +53,7 @@ class Verdict(NamedTuple):
 class Judge:
     """Judges steps of one robot with one engine."""
 
-    def __init__(self, machine: Machine, promise: Promise, engine: Engine) -> None:
+    def __init__(self, robot: Robot, promise: Promise, engine: Engine) -> None:
         """Measure the robot.
 
         Args:
@@ -62,8 +62,8 @@ class Judge:
             engine: measures distances.
         """
         self._promise, self.engine = promise, engine
-        self._reach = reaches(machine.robot)  # (b, n_dof)
-        a, b = self._reach[machine.watched.T]  # (p, n_dof) each
+        self._reach = reaches(robot)  # (b, n_dof)
+        a, b = self._reach[robot.watched.T]  # (p, n_dof) each
         # A joint that moves both bodies of a pair moves neither as seen from the other.
         self._apart = np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0)  # (p, n_dof)
 
@@ -127,8 +127,8 @@ class Judge:
 
 def promise_of(retargeter) -> Promise:
     """What a s3le.retarget.Retargeter says of itself."""
-    machine = retargeter.machine
+    robot = retargeter.robot
     return Promise(
-        machine.margin, float(retargeter.settings.between), np.array(retargeter.speed),
-        machine.robot.lower, machine.robot.upper,
+        robot.margin, float(retargeter.settings.between), np.array(retargeter.speed),
+        robot.lower, robot.upper,
     )  # fmt: skip

@@ -140,7 +140,7 @@ def describe(court: shards.Court, seed: int) -> dict[str, Any]:
         "date": datetime.now(UTC).date().isoformat(),
         "commit": commit + (" with changes" if dirty else ""),
         "machine": _processor(),
-        "robot": court.plain.machine.tag,
+        "robot": court.plain.robot.tag,
         "settings": asdict(court.plain.settings),
         "engines": court.versions,
         "seed": seed,
@@ -210,7 +210,7 @@ def _processor() -> str:
     except OSError:
         lines = []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
+    return names[0] if names else platform.processor() or platform.robot()
 
 
 if __name__ == "__main__":

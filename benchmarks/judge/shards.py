@@ -43,16 +43,16 @@ class Court:
         if not self.folder.is_dir():
             raise BundleError(f"{folder} is missing; write it with: dvc repro export")
         self.plain = Retargeter.load(self.folder)
-        close = {"target": self.plain.machine.margin, "brake": 0.0, "check": False}
+        close = {"target": self.plain.robot.margin, "brake": 0.0, "check": False}
         self.close = Retargeter.load(self.folder, close)
-        self.clips = read_clips(self.source, self.plain.machine.neck)
+        self.clips = read_clips(self.source, self.plain.robot.neck)
         digest = hashlib.sha256()
         for rate, x in self.clips:
             digest.update(np.float64(rate).tobytes() + x.tobytes())
         self.digest = digest.hexdigest()
-        machine, promise = self.plain.machine, promise_of(self.plain)
-        self.coal = Judge(machine, promise, Coal(machine))
-        self.mujoco = Judge(machine, promise, Mujoco(machine)) if mujoco else None
+        robot, promise = self.plain.robot, promise_of(self.plain)
+        self.coal = Judge(robot, promise, Coal(robot))
+        self.mujoco = Judge(robot, promise, Mujoco(robot)) if mujoco else None
         names = ["coal", "pin", *(["mujoco"] if mujoco else [])]
         self.versions = {name: version(name) for name in names}
 
@@ -138,7 +138,7 @@ def written(
     it: Retargeter, made: streams.Steps, i: int, broken: Iterable[str], seen: Verdict
 ) -> dict[str, Any]:
     """A violation as it can be reproduced: both poses to the bit."""
-    name = it.machine.pair_name(seen.pair) if seen.pair >= 0 else "no pair"
+    name = it.robot.pair_name(seen.pair) if seen.pair >= 0 else "no pair"
     return {
         "broken": list(broken),
         "where": f"{name}, {seen.clearance * 1e3:.4f} mm at {seen.t:.3f} of a step of "

@@ -107,7 +107,7 @@ def draw(
     if rng.random() < 0.25:  # from where another human left the robot
         start = np.array(retargeter.propose(targets(retargeter, rng, 1)[0])[0])
         report = _certifier(retargeter).check(start[None])
-        if not (report.clearance[0] >= retargeter.machine.margin and report.limit_margin[0] >= 0):
+        if not (report.clearance[0] >= retargeter.robot.margin and report.limit_margin[0] >= 0):
             start = None
     return Script(kind, start, frames)
 
@@ -117,7 +117,7 @@ def poses(retargeter: Retargeter, rng: np.random.Generator, n: int) -> np.ndarra
 
     The human whose pose it is cannot be followed all the way: the robot ends at its margin.
     """
-    robot = retargeter.machine.robot
+    robot = retargeter.robot
     q = rng.uniform(robot.lower, robot.upper, (4 * n, robot.n_dof))
     clearance = _certifier(retargeter).check(q).clearance
     return q[np.argsort(clearance >= 0.0, kind="stable")[:n]]
@@ -125,12 +125,12 @@ def poses(retargeter: Retargeter, rng: np.random.Generator, n: int) -> np.ndarra
 
 @cache
 def _certifier(retargeter: Retargeter) -> Certifier:
-    return retargeter.machine.certifier()
+    return retargeter.robot.certifier()
 
 
 def targets(retargeter: Retargeter, rng: np.random.Generator, n: int) -> np.ndarray:
     """Skeletons of such poses, (n, 21)."""
-    return batch.skeletons(retargeter.machine.chain, poses(retargeter, rng, n))
+    return batch.skeletons(retargeter.robot.chain, poses(retargeter, rng, n))
 
 
 def _random(retargeter: Retargeter, rng: np.random.Generator) -> list:
@@ -140,7 +140,7 @@ def _random(retargeter: Retargeter, rng: np.random.Generator) -> list:
     share = (at % 1.0)[:, None] ** 2 * (3.0 - 2.0 * (at % 1.0)[:, None])
     q = (1.0 - share) * knots[at.astype(int)] + share * knots[at.astype(int) + 1]
     dt = float(rng.choice([0.1, 1 / 30, 1 / 30, 1 / 30, 1 / 60, 1 / 120, 1 / 250]))
-    return [(x, dt) for x in batch.skeletons(retargeter.machine.chain, q)]
+    return [(x, dt) for x in batch.skeletons(retargeter.robot.chain, q)]
 
 
 def _adversarial(retargeter: Retargeter, rng: np.random.Generator) -> list:
@@ -201,7 +201,7 @@ def drive(retargeter: Retargeter, script: Script) -> Steps:
             q0, free0, dt = made.q, wanted(stream), 1.0
         rows.append((q0, made.q, dt, made.mode, i, free0, wanted(stream)))
     if not rows:
-        n_dof = retargeter.machine.robot.n_dof
+        n_dof = retargeter.robot.n_dof
         none = np.empty((0, n_dof))
         return Steps(none, none, *np.empty((3, 0)), none, none, refused)
     return Steps(*map(np.array, zip(*rows, strict=True)), refused)

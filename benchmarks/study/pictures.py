@@ -11,10 +11,10 @@ from typing import Annotated
 
 import typer
 
-from s3le import machine
 from s3le.human.tables import SKELETONS
 from s3le.learn import methods
 from s3le.report import curves, spaces
+from s3le.robot.robot import Robot
 from s3le.show import strip
 from s3le.store import documents, tables
 from s3le.study import latents, snapshots
@@ -33,8 +33,8 @@ def main(
     / "data/study/clone",
 ) -> None:
     """Draw what the clone holds."""
-    data, robot = folder / "data", machine.read(folder / "data/robot")
-    n_dof, margin = robot.robot.n_dof, robot.margin
+    data, robot = folder / "data", Robot.read(folder / "data/robot")
+    n_dof, margin = robot.n_dof, robot.margin
     frames = tables.read(SKELETONS, data / "skeletons.parquet")
     truth = tables.read(ground_truth(n_dof, margin), data / "ground_truth.parquet", robot.tag)
     answers = {
@@ -45,7 +45,7 @@ def main(
     shown = snapshots.strip(
         robot, frames, rows, truth, answers, {name: methods.label(name) for name in SHOWN}
     )
-    strip.draw(OUT / "strip.png", frames["time"][rows], shown, f"{robot.robot.name}: CMU {name}")
+    strip.draw(OUT / "strip.png", frames["time"][rows], shown, f"{robot.name}: CMU {name}")
     poses = tables.read(robot_poses(n_dof, margin), data / "robot_poses", robot.tag, ("q",))
     models = {name: data / f"model-{name}.safetensors" for name in TRAINED}
     spaces.draw(OUT / "latents.png", latents.spaces(robot, frames, truth, poses, models))

@@ -10,7 +10,7 @@ from s3le.cli import options, shell
 from s3le.errors import S3leError
 
 if TYPE_CHECKING:
-    from s3le.machine import Machine
+    from s3le.robot.robot import Robot
     from s3le.safety.audit import Check, Demands, Report
 
 
@@ -75,9 +75,9 @@ def audit(
     from s3le.safety.paths import BUDGET
 
     with shell.guarded():
-        machine = shell.robot(robot, margin)
+        robot = shell.robot(robot, margin)
         wanted = library.demands(
-            machine,
+            robot,
             margin,
             margin_between,
             shell.velocities(velocity),
@@ -88,7 +88,7 @@ def audit(
         for path in files:
             try:
                 report, notes = _one(
-                    path, machine, wanted, fps, named, degrees, every=margin is not None
+                    path, robot, wanted, fps, named, degrees, every=margin is not None
                 )
             except S3leError as refusal:
                 shell.complain(refusal)
@@ -99,26 +99,26 @@ def audit(
                 status = max(status, shell.BROKEN)
             told.append({"file": str(path), "notes": notes, **library.tree(report)})
             if not as_json:
-                typer.echo("\n".join([*_lines(path, machine, wanted, report, notes), ""]))
+                typer.echo("\n".join([*_lines(path, robot, wanted, report, notes), ""]))
         if as_json:
             certificate = {
-                "robot": machine.robot.name,
-                "robot_hash": machine.robot.digest,
+                "robot": robot.name,
+                "robot_hash": robot.digest,
                 "margin_m": wanted.margin,
                 "margin_between_m": wanted.margin_between,
-                "not_covered": library.not_covered(machine),
+                "not_covered": library.not_covered(robot),
                 "holds": status == shell.OK,
                 "files": told,
             }
             typer.echo(json.dumps(certificate, indent=2, allow_nan=False))
         else:
-            typer.echo("\n".join(_closing(machine, told)))
+            typer.echo("\n".join(_closing(robot, told)))
     raise typer.Exit(status)
 
 
 def _one(
     path: Path,
-    machine: "Machine",
+    robot: "Robot",
     wanted: "Demands",
     fps: float | None,
     joints: list[str] | None,
@@ -133,7 +133,7 @@ def _one(
     from s3le.motion.trajectory import BETWEEN
     from s3le.safety import audit as library
 
-    trajectory, notes = fit(files.read(path, fps, joints), machine.robot, degrees)
+    trajectory, notes = fit(files.read(path, fps, joints), robot, degrees)
     at_rows = None
     if trajectory.mode is not None and not every:
         between = trajectory.mode == BETWEEN
@@ -145,17 +145,16 @@ def _one(
             )
     with shell.bar(2 * len(trajectory.time) - 1, path.name) as progress:
         report = library.audit(
-            machine, trajectory.time, trajectory.q, wanted, at_rows, progress=progress
+            robot, trajectory.time, trajectory.q, wanted, at_rows, progress=progress
         )
     return report, notes
 
 
 def _lines(
-    path: Path, machine: "Machine", wanted: "Demands", report: "Report", notes: list[str]
+    path: Path, robot: "Robot", wanted: "Demands", report: "Report", notes: list[str]
 ) -> list[str]:
     from s3le.safety.audit import say
 
-    robot = machine.robot
     lines = [
         f"{path}: {report.rows} poses, {report.seconds:.3f} s, robot {robot.name} {robot.digest}",
         *(f"  note: {note}" for note in notes),
@@ -184,11 +183,11 @@ def _open(check: "Check") -> str:
     return f", {check.undecided} not decided" if check.undecided else ""
 
 
-def _closing(machine: "Machine", told: list[dict[str, Any]]) -> list[str]:
+def _closing(robot: "Robot", told: list[dict[str, Any]]) -> list[str]:
     """What no file's report repeats: the pairs that nothing is said about, and the count."""
     lines = []
     by_reason: dict[str, list[str]] = {}
-    for a, b, _, reason in machine.unwatched():
+    for a, b, _, reason in robot.unwatched():
         by_reason.setdefault(reason, []).append(f"{a} and {b}")
     for reason, pairs in by_reason.items():
         lines.append(f"not covered, {len(pairs)} pairs ({reason}):")

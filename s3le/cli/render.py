@@ -138,7 +138,7 @@ def _strip(loaded, out, frames, every, begin, end, angles, size) -> None:
         told = rows.robot(one, times, number, len(shown) > 1)
         note = [f"{c * 1e3:.1f} mm" for c in told.clearance]
         shown_rows.append(told.row._replace(note=note))
-    names = ", ".join(dict.fromkeys(one.machine.robot.name for one in shown))
+    names = ", ".join(dict.fromkeys(one.robot.name for one in shown))
     labels = ", ".join(one.label for one in shown)
     how = {} if size is None else {"width": size}
     strip.draw(

@@ -117,7 +117,7 @@ def retarget(
         known = shell.how(layout, axes, pitch, person, confidence)
         paths = _clips(clips)
         follower = shell.follower(model, method)
-        own = follower.machine.robot.name
+        own = follower.robot.name
         if robot is not None and robot != own:
             raise ModelError(f"{model} is for robot '{own}', not '{robot}'")
         suffixes = [".parquet", *[".csv"] * csv, *[".npz"] * npz]
@@ -209,7 +209,7 @@ def _shape(
     """What all clips' files have in common; refuses what no clip could be written with."""
     from s3le.motion import root, whole
 
-    robot = follower.machine.robot
+    robot = follower.robot
     if root_height is not None and not tools:
         raise ParameterError("--root-height is of the files that --for writes; give --for too")
     return _Shape(
@@ -239,14 +239,14 @@ def _one(
     from s3le.store import documents
 
     how = how | {"about": how["about"] | motions.about_clip(path, out)}
-    frames = read_frames(path, follower.machine.neck, tilt_max, fps, how=known)
+    frames = read_frames(path, follower.robot.neck, tilt_max, fps, how=known)
     for words in frames.reading.told if frames.reading else ():
         typer.echo(f"{path}: note: {words}", err=True)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:
         made = clip.convert(follower, frames, **how, progress=progress)
     summary, written, complete = made.summary, made.trajectory, None
     if shape.whole is not None:
-        complete = whole.complete(made.trajectory, follower.machine.robot, shape.whole)
+        complete = whole.complete(made.trajectory, follower.robot, shape.whole)
         written = complete if shape.full else written
         summary = summary | {"whole": whole.tree(shape.whole)}
     for suffix in suffixes:

@@ -8,7 +8,7 @@ import typer
 from s3le.cli import shell
 
 if TYPE_CHECKING:
-    from s3le.machine import Machine
+    from s3le.robot.robot import Robot
 
 app = typer.Typer(
     help="Robot files: propose one from a URDF, check one.",
@@ -121,14 +121,14 @@ def check(
     from s3le.onboard import survey
 
     with shell.guarded():
-        machine = shell.robot(robot, margin)
-        found = survey.survey(machine, poses)
+        robot = shell.robot(robot, margin)
+        found = survey.survey(robot, poses)
         if picture:
-            _draw(machine, picture, [])
-    typer.echo("\n".join(survey.lines(machine, found, every)))
+            _draw(robot, picture, [])
+    typer.echo("\n".join(survey.lines(robot, found, every)))
 
 
-def _draw(machine: "Machine", path: Path, notes: list[str]) -> None:
+def _draw(robot: "Robot", path: Path, notes: list[str]) -> None:
     import numpy as np
 
     from s3le.kernels import batch
@@ -136,18 +136,18 @@ def _draw(machine: "Machine", path: Path, notes: list[str]) -> None:
     from s3le.robot import pairs
     from s3le.skeleton import BONES
 
-    it, chain = machine.robot, machine.chain
+    it, chain = robot, robot.chain
     q = it.anchor[None]
     points = batch.points(chain, q)[0]
-    kept = [BONES.index(name) for name in machine.vectors]
+    kept = [BONES.index(name) for name in robot.vectors]
     tail, head = (points[ends[kept]].mean(axis=1) for ends in (chain.tail, chain.head))
     dropped = [
-        (p.a, p.b) for p in machine.pairs if p.reason not in (pairs.WATCHED, pairs.FIXED)
+        (p.a, p.b) for p in robot.pairs if p.reason not in (pairs.WATCHED, pairs.FIXED)
     ]
     shown = picture.Shown(
         f"{it.name} at its anchor: {it.n_dof} joints, {len(it.bodies)} bodies, "
-        f"{len(machine.watched)} pairs watched, {len(dropped)} not",
+        f"{len(robot.watched)} pairs watched, {len(dropped)} not",
         batch.capsule_ends(chain, q)[0], chain.body_radius, pairs.body_kinds(it),
-        np.stack([tail, head], axis=1), list(machine.vectors), dropped, notes,
+        np.stack([tail, head], axis=1), list(robot.vectors), dropped, notes,
     )  # fmt: skip
     picture.draw(path, shown)

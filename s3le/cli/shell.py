@@ -13,7 +13,7 @@ from s3le.errors import ParameterError, RobotError, S3leError
 if TYPE_CHECKING:  # for the reader; importing it takes a second
     from s3le.following import Follower
     from s3le.human.keypoints.how import How
-    from s3le.machine import Machine
+    from s3le.robot.robot import Robot
 
 OK, BROKEN, UNREADABLE = 0, 1, 2  # exit status
 MARGIN, NECK = 0.002, "midpoint"  # of a robot file, which has neither; see params.yaml
@@ -65,7 +65,7 @@ def bar(
         yield advance
 
 
-def robot(given: str | None, margin: float | None = None) -> "Machine":
+def robot(given: str | None, margin: float | None = None) -> "Robot":
     """The robot that is meant.
 
     Args:
@@ -76,7 +76,7 @@ def robot(given: str | None, margin: float | None = None) -> "Machine":
     Raises:
         RobotError: there is no such robot, or its files are unusable.
     """
-    from s3le import machine
+    from s3le.robot.robot import SETTINGS, Robot
 
     if given is None:
         given = str(RESOLVED) if RESOLVED.is_dir() else "coman"
@@ -84,17 +84,17 @@ def robot(given: str | None, margin: float | None = None) -> "Machine":
     least = MARGIN if margin is None else min(margin, MARGIN)
     path = Path(given)
     for folder in (path, path / "robot"):
-        if (folder / machine.SETTINGS).is_file():
-            return machine.read(folder)
+        if (folder / SETTINGS).is_file():
+            return Robot.read(folder)
     if path.suffix in (".yaml", ".yml"):
-        return machine.adopt(path, least, NECK)
+        return Robot.adopt(path, least, NECK)
     own = Path(__file__).parents[2] / _ROBOTS
     for folder in (_ROBOTS, own):
         if (folder / f"{given}.yaml").is_file():
-            return machine.adopt(folder / f"{given}.yaml", least, NECK)
+            return Robot.adopt(folder / f"{given}.yaml", least, NECK)
     known = sorted({p.stem for folder in (_ROBOTS, own) for p in folder.glob("*.yaml")})
     raise RobotError(
-        f"there is no robot '{given}': give a folder with {machine.SETTINGS}, a robot file "
+        f"there is no robot '{given}': give a folder with {SETTINGS}, a robot file "
         f"(.yaml), or one of: {', '.join(known) or 'none here'}"
     )
 

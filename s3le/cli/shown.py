@@ -10,7 +10,7 @@ from s3le.errors import ParameterError, RobotError
 
 if TYPE_CHECKING:
     from s3le.human.keypoints.how import How
-    from s3le.machine import Machine
+    from s3le.robot.robot import Robot
     from s3le.show.motions import Human, Shown
 
 NOBODY = "none"  # what --human says to show none
@@ -69,7 +69,7 @@ def load(
 
 def _read(
     path: Path,
-    usual: "Machine",
+    usual: "Robot",
     may_choose: bool,
     rate: float | None,
     names: list[str] | None,
@@ -83,13 +83,13 @@ def _read(
     if may_choose:
         about = trajectory.about
         made_for = about.get("robot_hash")
-        if made_for not in (None, usual.robot.digest):
+        if made_for not in (None, usual.digest):
             try:
                 other = shell.robot(str(about.get("robot")))
             except RobotError:
                 pass  # not known here; the reader says what does not fit
             else:
-                if other.robot.digest == made_for:
+                if other.digest == made_for:
                     usual = other
     return motions.of(trajectory, path, usual, degrees)
 

@@ -94,7 +94,7 @@ def read_frames(
 
     Args:
         path: see s3le.human.read.read_clip.
-        neck: skeleton.NECKS, as the robot has it (Machine.neck).
+        neck: skeleton.NECKS, as the robot has it (Robot.neck).
         tilt_max: frames whose torso leans farther from the vertical are left out [deg].
         fps: frames per second [Hz], instead of the file's own.
         rate: frames per second to resample to [Hz]; None: the clip's own frames.

@@ -6,7 +6,7 @@ from pathlib import Path
 from s3le.learn import artifact, training
 from s3le.learn.batches import TrainingData, Tuples
 from s3le.learn.training import CHOICES, Trained, Training
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.types import Columns
 
 __all__ = ["CHOICES", "TUPLE", "Training", "gather", "learn"]
@@ -15,7 +15,7 @@ TUPLE = ("x_relaxed", "x_feasible", "q_relaxed", "q_feasible", "x_mixed")  # col
 
 
 def gather(
-    machine: Machine,
+    robot: Robot,
     pairs: Columns,
     poses: Columns,
     domain: Columns,
@@ -33,13 +33,13 @@ def gather(
         sampled=_tuples(sampled) if sampled is not None else None,
         robot_q=poses["q"],
         mocap_x=domain["x"],
-        lower=machine.robot.lower,
-        upper=machine.robot.upper,
+        lower=robot.lower,
+        upper=robot.upper,
     )
 
 
 def learn(
-    machine: Machine,
+    robot: Robot,
     method: str,
     data: TrainingData,
     hyper: Training,
@@ -56,9 +56,9 @@ def learn(
     trained = training.train(method, data, hyper, checkpoint=checkpoint, on_step=on_step)
     config = {
         "method": method,
-        "robot": machine.robot.name,
-        "robot_hash": machine.tag,
-        "joints": machine.robot.joint_names,
+        "robot": robot.name,
+        "robot_hash": robot.tag,
+        "joints": robot.joint_names,
         "training": vars(hyper),
     }
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,7 @@ import numpy as np
 from s3le.errors import ParameterError
 from s3le.learn import artifact, methods
 from s3le.learn.methods import Entry
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.types import Columns
 
 _FEASIBLE = ("q_feasible", "x_feasible")
@@ -34,7 +34,7 @@ def tables(name: str, with_pairs: bool) -> tuple[str, ...]:
 
 
 def stored(
-    machine: Machine, entry: Entry, tables: Mapping[str, Columns], model: Path | None
+    robot: Robot, entry: Entry, tables: Mapping[str, Columns], model: Path | None
 ) -> tuple[Columns, int]:
     """Columns of table index: every pose of the entry's pool with its latent.
 
@@ -70,7 +70,7 @@ def stored(
     pool = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     z = pool["x"]
     if entry.model:
-        net, _ = artifact.load_model(model, method=entry.model, robot_hash=machine.tag)
+        net, _ = artifact.load_model(model, method=entry.model, robot_hash=robot.tag)
         z = artifact.encode_q(net, pool["q"])
     found = {
         "row": np.arange(len(z), dtype=np.int32),

@@ -1,7 +1,6 @@
 """A trajectory held against a robot: its joints in the robot's order, nothing silently dropped."""
 
 import re
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from difflib import get_close_matches
 from math import radians
@@ -11,7 +10,7 @@ import numpy as np
 
 from s3le.errors import TrajectoryError
 from s3le.motion.trajectory import Trajectory
-from s3le.robot.model import Robot
+from s3le.robot.model import Geometry
 
 ENDINGS = ("_pos", ".pos", "_position", "_dof", ".dof", "_rad")  # that other tools add to names
 BASE = re.compile(r"(root|base|floating_base|pelvis|free_?joint)([_. ].*)?", re.IGNORECASE)
@@ -27,7 +26,7 @@ class Fitted(NamedTuple):
     notes: list[str]
 
 
-def fit(trajectory: Trajectory, robot: Robot, degrees: bool = False) -> Fitted:
+def fit(trajectory: Trajectory, robot: Geometry, degrees: bool = False) -> Fitted:
     """Bring a trajectory's joints into the order of the robot's.
 
     Columns of a free base do not move the bodies against each other and are left out. A joint of
@@ -96,10 +95,9 @@ def fit(trajectory: Trajectory, robot: Robot, degrees: bool = False) -> Fitted:
     return Fitted(replace(trajectory, joints=tuple(robot.joint_names), q=q), notes)
 
 
-def urdf_joints(robot: Robot) -> dict[str, str]:
+def urdf_joints(robot: Geometry) -> dict[str, str]:
     """Joints of the robot's URDF that are not fixed -> their types."""
-    root = ElementTree.parse(robot.description.urdf).getroot()
-    found = {str(j.get("name")): str(j.get("type")) for j in root.findall("joint")}
+    found = {str(j.get("name")): str(j.get("type")) for j in robot.tree.findall("joint")}
     return {name: kind for name, kind in found.items() if kind != "fixed"}
 
 
@@ -109,7 +107,7 @@ def _joint(column: str, known: set[str]) -> str | None:
     return next((name for name in names if name in known), None)
 
 
-def _wild(q: np.ndarray, robot: Robot) -> str:
+def _wild(q: np.ndarray, robot: Geometry) -> str:
     """A word on angles so far off that they must be something else."""
     reach = np.maximum(np.maximum(np.abs(robot.lower), np.abs(robot.upper)), radians(5.0))
     times = np.abs(q) / reach

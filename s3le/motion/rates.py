@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.safety import paths
 from s3le.safety.paths import CERTIFIED
 
@@ -32,7 +32,7 @@ class Emission(NamedTuple):
 
 
 def at_rate(
-    machine: Machine, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
+    robot: Robot, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
 ) -> Emission:
     """Sample a motion at a rate.
 
@@ -47,11 +47,11 @@ def at_rate(
         ParameterError: rate is out of its range, or the motion too long for it.
     """
     check_rate(rate)
-    return _sample(machine, time, q, rate, margin_between)
+    return _sample(robot, time, q, rate, margin_between)
 
 
 def evenly(
-    machine: Machine, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
+    robot: Robot, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
 ) -> Emission:
     """Sample a motion at a rate, with no row between two of the rate's.
 
@@ -62,7 +62,7 @@ def evenly(
     Raises:
         ParameterError: a corner cannot be cut; says where, and what does instead.
     """
-    made = _sample(machine, time, q, rate, margin_between)
+    made = _sample(robot, time, q, rate, margin_between)
     if made.kept:
         place = (made.time - made.time[0]) * rate
         first = int(np.argmax(np.abs(place - np.rint(place)) > ON_CORNER / 2))
@@ -85,7 +85,7 @@ def check_rate(rate: float) -> None:
 
 
 def _sample(
-    machine: Machine, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
+    robot: Robot, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
 ) -> Emission:
     """Rows at a rate, and the corners between them that could not be cut."""
     span = (time[-1] - time[0]) * rate
@@ -94,7 +94,7 @@ def _sample(
     grid = time[0] + np.arange(int(span + ON_CORNER) + 1) / rate
     left, corner = _place(time, grid, rate)
     made = _interpolate(time, q, grid, left, corner)
-    proven = paths.certify(machine, made, margin_between).status == CERTIFIED
+    proven = paths.certify(robot, made, margin_between).status == CERTIFIED
     # Given poses strictly inside a step: it runs from after `inner` to before `outer`.
     inner = np.where(corner >= 0, corner, left)[:-1] + 1
     outer = np.where(corner >= 0, corner, left + 1)[1:]

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.robot import urdf
 from s3le.robot.description import FARTHEST
-from s3le.robot.model import Robot, reduced
+from s3le.robot.model import Geometry
 from s3le.robot.posing import Poser
 
 STANDING = "the lowest collision body touches z = 0 at the anchor"
@@ -27,7 +26,7 @@ class Root(NamedTuple):
     turn: np.ndarray  # (4,), unit quaternion x y z w: base link -> x forward, y left, z up
 
 
-def find(robot: Robot, height: float | None = None) -> Root:
+def find(robot: Geometry, height: float | None = None) -> Root:
     """The base link, and how high it stands.
 
     Args:
@@ -39,7 +38,7 @@ def find(robot: Robot, height: float | None = None) -> Root:
     """
     if height is not None and not abs(height) <= FARTHEST:
         raise ParameterError(f"root height must be within {FARTHEST:g} m, got {height!r}")
-    tree = urdf.elements(robot.description.urdf)
+    tree = robot.tree
     children = {child.get("link") for child in tree.iterfind("joint/child")}
     link = next(str(one.get("name")) for one in tree.iterfind("link")
                 if one.get("name") not in children)  # fmt: skip
@@ -49,13 +48,13 @@ def find(robot: Robot, height: float | None = None) -> Root:
     return Root(link, -lowest(robot, robot.anchor), STANDING, turn)
 
 
-def lowest(robot: Robot, q: np.ndarray) -> float:
+def lowest(robot: Geometry, q: np.ndarray) -> float:
     """Height of the lowest point of the URDF's collision bodies at q [rad], over the base [m].
 
     Boxes and cylinders are taken as they are, not as the capsules that contain them, which
     would have a flat foot stand on air.
     """
-    _, geometry = reduced(robot.description)
+    _, geometry = robot.reduced()
     at = Poser(robot).place(q)
     found = []
     for item in geometry.geometryObjects:

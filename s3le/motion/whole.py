@@ -13,8 +13,7 @@ import numpy as np
 
 from s3le.errors import RobotError
 from s3le.motion.trajectory import METRES, WHOLE, Trajectory
-from s3le.robot import urdf
-from s3le.robot.model import Robot
+from s3le.robot.model import Geometry
 
 METRE, RADIAN = "m", "rad"
 _UNITS = {"revolute": RADIAN, "continuous": RADIAN, "prismatic": METRE}
@@ -26,7 +25,7 @@ class Actuated(NamedTuple):
 
     name: str
     unit: str  # of its column: rad, or m for a prismatic one
-    moved: int  # which of Robot.joints it is; -1: it is held
+    moved: int  # which of Geometry.joints it is; -1: it is held
     held: float  # where it stands if it is held [unit]
 
 
@@ -39,7 +38,7 @@ class Whole(NamedTuple):
     depth_first: tuple[str, ...]  # the same joints as MuJoCo numbers them
 
 
-def joints(robot: Robot) -> Whole:
+def joints(robot: Geometry) -> Whole:
     """Read which joints a robot has, in the order in which its URDF writes them.
 
     Raises:
@@ -47,7 +46,7 @@ def joints(robot: Robot) -> Whole:
     """
     text, at = robot.description, {name: i for i, name in enumerate(robot.joint_names)}
     found, mimics, others = [], {}, {}
-    items = urdf.elements(text.urdf).findall("joint")
+    items = robot.tree.findall("joint")
     for item in items:
         name, kind = item.get("name", ""), item.get("type", "")
         held = text.hold.get(name, 0.0)
@@ -81,7 +80,7 @@ def _depth_first(items: list[ElementTree.Element]) -> list[str]:
     return order
 
 
-def _refuse_beyond(robot: Robot, item: ElementTree.Element, held: float, unit: str) -> None:
+def _refuse_beyond(robot: Geometry, item: ElementTree.Element, held: float, unit: str) -> None:
     """Refuse a joint that stands beyond its limits only because nobody said where it stands."""
     limit = item.find("limit")
     if limit is None or item.get("type") == "continuous":
@@ -97,7 +96,7 @@ def _refuse_beyond(robot: Robot, item: ElementTree.Element, held: float, unit: s
         )
 
 
-def complete(trajectory: Trajectory, robot: Robot, whole: Whole) -> Trajectory:
+def complete(trajectory: Trajectory, robot: Geometry, whole: Whole) -> Trajectory:
     """The same motion with a column for every joint of the URDF.
 
     Args:

@@ -13,7 +13,7 @@ from s3le.errors import RobotError
 from s3le.kernels import batch
 from s3le.robot import chain, sense
 from s3le.robot import pairs as rules
-from s3le.robot.model import Robot
+from s3le.robot.model import Geometry
 from s3le.skeleton import BONES, DIM
 
 WISHED = 0.01  # [m], clearance of an anchor; margins are smaller
@@ -31,7 +31,7 @@ class Found(NamedTuple):
     overlaps: int  # pairs that could move but are not watched
 
 
-def search(robot: Robot, neck: str) -> Found | None:
+def search(robot: Geometry, neck: str) -> Found | None:
     """The best anchor found; None: no pose asked leaves a pair to watch and nothing in collision.
 
     Args:
@@ -56,7 +56,7 @@ def search(robot: Robot, neck: str) -> Found | None:
     return best[1] if best else None
 
 
-def always(robot: Robot, neck: str) -> list[frozenset[str]]:
+def always(robot: Geometry, neck: str) -> list[frozenset[str]]:
     """Pairs of links that overlap in every pose asked, in an order that is always the same."""
     pairs = np.array(
         [(a, b) for a in range(len(robot.bodies)) for b in range(a + 1, len(robot.bodies))
@@ -70,7 +70,7 @@ def always(robot: Robot, neck: str) -> list[frozenset[str]]:
     return [pair for pair in dict.fromkeys(links) if len(pair) == 2]
 
 
-def _judged(robot: Robot, q: np.ndarray, how: str) -> Found | None:
+def _judged(robot: Geometry, q: np.ndarray, how: str) -> Found | None:
     at = _at(robot, q)
     try:
         listed = rules.all_pairs(at)
@@ -83,7 +83,7 @@ def _judged(robot: Robot, q: np.ndarray, how: str) -> Found | None:
     return Found(q, how, float(min(watched)), overlaps)
 
 
-def _candidates(robot: Robot, neck: str):
+def _candidates(robot: Geometry, neck: str):
     """Poses in the order in which they are asked, with a word on each."""
     shown = chain.build(robot, np.empty((0, 2), np.int64), neck)
     middle = np.clip(np.zeros(robot.n_dof), robot.lower, robot.upper)
@@ -120,6 +120,6 @@ def _arms_out(lift: float) -> np.ndarray:
     return np.array([out[bone] for bone in BONES]).reshape(DIM)
 
 
-def _at(robot: Robot, q: np.ndarray) -> Robot:
+def _at(robot: Geometry, q: np.ndarray) -> Geometry:
     """The robot with another anchor."""
     return replace(robot, anchor=q)

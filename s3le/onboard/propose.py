@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from s3le import machine
 from s3le.errors import RobotError
 from s3le.onboard import anchor, bodies, hulls, limbs, source
 from s3le.onboard.tree import Tree
 from s3le.robot import model, sense, srdf
 from s3le.robot.description import MAPPED
+from s3le.robot.robot import Robot, bones_of
 from s3le.store.atomic import replace
 
 TURNED = 0.01  # chord of a unit vector; a joint that moves none farther drops out
@@ -135,7 +135,7 @@ def propose(
         plan.notes = [f"sure: {line}" for line in sure] + [f"look: {line}" for line in look]
         files[f"{name}.yaml"] = plan.text().encode()
         plan.load(Path(folder))
-        machine.adopt(Path(folder) / f"{name}.yaml", margin, neck)
+        Robot.adopt(Path(folder) / f"{name}.yaml", margin, neck)
     (sure if best.how != "search" else look).append(
         f"anchor: {best.how}, {best.clearance * 1e3:.0f} mm clear, "
         f"{best.overlaps} pairs overlap there and are not watched"
@@ -194,7 +194,7 @@ class _Plan:
     files: dict[str, bytes]
     notes: list[str] | None = None
 
-    def load(self, folder: Path) -> model.Robot:
+    def load(self, folder: Path) -> model.Geometry:
         """The robot that the files so far describe, from a folder of their own."""
         (folder / "urdf").mkdir(exist_ok=True)
         for name, data in (self.files | {f"{self.name}.yaml": self.text().encode()}).items():
@@ -333,7 +333,7 @@ def _speeds(tree: Tree, moving: list[str], look: list[str]) -> dict[str, float]:
     return speeds
 
 
-def _that_turn(robot: model.Robot, look: list[str]) -> list[str]:
+def _that_turn(robot: model.Geometry, look: list[str]) -> list[str]:
     """Moving joints without those that turn none of the vectors."""
     q = sense.poses(robot, 60)
     kept, lost = [], []
@@ -350,7 +350,7 @@ def _that_turn(robot: model.Robot, look: list[str]) -> list[str]:
     return kept
 
 
-def _unit(robot: model.Robot, q: np.ndarray) -> np.ndarray:
-    bones = machine.bones_of(robot, sense.points(robot, q), "midpoint")
+def _unit(robot: model.Geometry, q: np.ndarray) -> np.ndarray:
+    bones = bones_of(robot, sense.points(robot, q), "midpoint")
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.nan_to_num(bones / np.linalg.norm(bones, axis=2, keepdims=True))

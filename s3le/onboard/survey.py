@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.kernels import batch
-from s3le.machine import Machine
 from s3le.robot import hulls, pairs, sense
+from s3le.robot.robot import Robot
 from s3le.skeleton import BONES
 
 ALWAYS = 0.95  # share of random poses from which on a pair counts as nearly always colliding
@@ -34,22 +34,21 @@ class Survey(NamedTuple):
     hull_pairs: list[tuple[str, int, float]]  # links, poses in which they overlap, deepest [m]
 
 
-def survey(machine: Machine, poses: int) -> Survey:
+def survey(robot: Robot, poses: int) -> Survey:
     """Look at random poses; the same ones each time.
 
     Args:
         machine: the robot.
         poses: how many.
     """
-    robot = machine.robot
     q = sense.poses(robot, poses)
-    apart = batch.pair_distances(machine.chain, q)
-    batch.clearances(machine.chain, q[:2])  # compiles
+    apart = batch.pair_distances(robot.chain, q)
+    batch.clearances(robot.chain, q[:2])  # compiles
     begun = time.perf_counter()
-    clearance = batch.clearances(machine.chain, q)
+    clearance = batch.clearances(robot.chain, q)
     kernel = (time.perf_counter() - begun) / len(q)
     some = q[:_BY_COAL]
-    certifier = machine.certifier()
+    certifier = robot.certifier()
     begun = time.perf_counter()
     report = certifier.check(some)
     coal = (time.perf_counter() - begun) / len(some)
@@ -58,23 +57,23 @@ def survey(machine: Machine, poses: int) -> Survey:
     found, listed = None, []
     if robot.description.hulls:
         check = hulls.HullCheck(robot)
-        good = q[clearance >= machine.margin][:_BY_HULL]
+        good = q[clearance >= robot.margin][:_BY_HULL]
         found = check.check(good)
         for row, count in Counter(found.pair[found.pair >= 0].tolist()).most_common():
             deepest = float(found.depth[found.pair == row].max())
             listed.append((check.name(row), count, deepest))
     return Survey(
-        len(q), float((clearance < 0.0).mean()), float((clearance < machine.margin).mean()),
+        len(q), float((clearance < 0.0).mean()), float((clearance < robot.margin).mean()),
         [(int(k), float(share[k])) for k in np.flatnonzero(share >= ALWAYS)],
         [(int(k), float(least[k])) for k in np.flatnonzero(least >= NEVER)],
         kernel, coal, float(np.abs(report.clearance - clearance[: len(some)]).max()),
         {s: float(np.linalg.norm(at[f"{s}_hand"] - at[f"{s}_shoulder"], axis=1).max())
          for s in robot.arms},
-        list(machine.vectors), found, listed,
+        list(robot.vectors), found, listed,
     )  # fmt: skip
 
 
-def lines(machine: Machine, found: Survey, every: bool) -> list[str]:
+def lines(robot: Robot, found: Survey, every: bool) -> list[str]:
     """The report as text.
 
     Args:
@@ -82,7 +81,6 @@ def lines(machine: Machine, found: Survey, every: bool) -> list[str]:
         found: what survey found.
         every: list pairs by name even where there are many.
     """
-    robot = machine.robot
     out = [f"robot {robot.name} {robot.digest}: {robot.n_dof} joints, {len(robot.bodies)} bodies"]
     out.append("joints [deg, deg/s]:")
     for joint, at in zip(robot.joints, robot.anchor, strict=True):
@@ -99,31 +97,31 @@ def lines(machine: Machine, found: Survey, every: bool) -> list[str]:
     names = {"r": "right", "l": "left"}
     for side, far in found.reach.items():
         out.append(f"reach: {names[side]} hand up to {far * 1e3:.0f} mm from its shoulder")
-    reasons = Counter(pair.reason for pair in machine.pairs)
+    reasons = Counter(pair.reason for pair in robot.pairs)
     kept = reasons.pop(pairs.WATCHED, 0)
-    out.append(f"pairs of bodies: {len(machine.pairs)}, watched {kept}")
+    out.append(f"pairs of bodies: {len(robot.pairs)}, watched {kept}")
     for reason, count in sorted(reasons.items()):
         out.append(f"  not watched, {reason}: {count}")
         if reason != pairs.FIXED:
             out += _some([
                 f"{robot.bodies[p.a].name} and {robot.bodies[p.b].name} "
                 f"({p.clearance * 1e3:.0f} mm at the anchor)"
-                for p in machine.pairs if p.reason == reason
+                for p in robot.pairs if p.reason == reason
             ], every)  # fmt: skip
     out.append(
         f"random poses: {found.poses}, {found.colliding:.1%} in collision, "
-        f"{found.below_margin:.1%} below the margin of {machine.margin * 1e3:g} mm"
+        f"{found.below_margin:.1%} below the margin of {robot.margin * 1e3:g} mm"
     )
     if found.always:
         out.append(f"  watched, and overlap in {ALWAYS:.0%} of them and more: {len(found.always)}")
-        often = [f"{machine.pair_name(k)} ({share:.1%})" for k, share in found.always]
+        often = [f"{robot.pair_name(k)} ({share:.1%})" for k, share in found.always]
         out += _some(often, every)
     if found.never:
         out.append(
             f"  watched, though no pose brought them within {NEVER * 1e3:g} mm: {len(found.never)}"
         )
         out += _some([
-            f"{machine.pair_name(k)} ({least * 1e3:.0f} mm)" for k, least in found.never
+            f"{robot.pair_name(k)} ({least * 1e3:.0f} mm)" for k, least in found.never
         ], every)  # fmt: skip
     out.append(
         f"one check: {found.kernel * 1e6:.1f} us by kernels, {found.coal * 1e6:.0f} us by coal; "

@@ -161,7 +161,7 @@ def latency(record: Mapping[str, Any] | None, tag_of_run: str | None) -> list[Ht
 
     Args:
         record: records.latency; None: there is none.
-        tag_of_run: the tag of the run's own robot (Machine.tag); None: not compared.
+        tag_of_run: the tag of the run's own robot (Robot.tag); None: not compared.
     """
     if record is None:
         return [
@@ -178,7 +178,7 @@ def latency(record: Mapping[str, Any] | None, tag_of_run: str | None) -> list[Ht
         f"{key.replace('_', ' ')} {cells.rate(share)}" for key, share in record["modes"].items()
     )
     facts = [
-        ("machine", f"{record['machine']}, {record['threads']} thread"
+        ("machine", f"{record['robot']}, {record['threads']} thread"
          + ("s" if record["threads"] != 1 else "")),
         ("recorded", record["date"]),
         ("robot", f"{record['robot']}, {record['joints']} joints, {record['pairs']} pairs of "
@@ -203,7 +203,7 @@ def latency(record: Mapping[str, Any] | None, tag_of_run: str | None) -> list[Ht
             ),
         ),
         html.folded(
-            "Machine, robot and settings of these times", html.table(["", ""], facts, numbers=False)
+            "Robot, robot and settings of these times", html.table(["", ""], facts, numbers=False)
         ),
     ]
 

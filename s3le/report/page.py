@@ -117,7 +117,7 @@ def page(
             they are (e.g. "limb-trunk"), and why.
         knobs: every parameter of the run.
         latency: records.latency.
-        robot_tag: Machine.tag of the run's robot.
+        robot_tag: Robot.tag of the run's robot.
         video: what was made of a plain video: words and picture.
 
     Returns:

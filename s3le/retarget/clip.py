@@ -14,10 +14,10 @@ from s3le.errors import CertificateError, ParameterError
 from s3le.following import Follower
 from s3le.human.skeletons import ClipFrames
 from s3le.kernels import batch
-from s3le.machine import Machine
 from s3le.motion import rates, trajectory
 from s3le.motion.rates import Emission
 from s3le.motion.trajectory import BETWEEN, Trajectory
+from s3le.robot.robot import Robot
 from s3le.safety import audit
 from s3le.skeleton import BONES, cosine_distance
 from s3le.types import Progress
@@ -69,9 +69,9 @@ def follow(
     times, x, lead = frames.time, frames.x, 0
     q, mode, seconds = [], [], []
     if lead_in:
-        anchor = follower.machine.robot.anchor
+        anchor = follower.robot.anchor
         lead = max(1, round(lead_in * frames.fps))
-        ahead = approach(batch.skeletons(follower.machine.chain, anchor[None])[0], x[0], lead)
+        ahead = approach(batch.skeletons(follower.robot.chain, anchor[None])[0], x[0], lead)
         x = np.concatenate([ahead, x])
         times = np.concatenate(
             [np.arange(1, lead + 1), lead + 1 + (times - times[0]) * frames.fps]
@@ -151,32 +151,32 @@ def convert(
         ParameterError: it cannot be told in even rows, or the rate is out of its range.
         S3leError: whatever the retargeter refuses.
     """
-    machine = follower.machine
+    robot = follower.robot
     if rate is not None:
         rates.check_rate(rate)  # before the work
-    frames = frames._replace(x=machine.seen(frames.x))
+    frames = frames._replace(x=robot.seen(frames.x))
     made = follow(follower, frames, look_ahead, lead_in, progress)
-    shape = (len(made.time), machine.robot.n_dof)
+    shape = (len(made.time), robot.n_dof)
     if made.q.shape != shape or made.mode.shape != shape[:1]:
         raise CertificateError(f"{frames.name}: the retargeter gave {made.q.shape}, not {shape}")
     wanted = audit.demands(
-        machine,
+        robot,
         margin_between=follower.margin_between,
-        velocity=dict(zip(machine.robot.joint_names, follower.velocity.tolist(), strict=True)),
+        velocity=dict(zip(robot.joint_names, follower.velocity.tolist(), strict=True)),
     )
     rate = frames.fps if even and rate is None else rate
-    rows = _rows(machine, frames.name, made, rate, even, wanted.margin_between)
+    rows = _rows(robot, frames.name, made, rate, even, wanted.margin_between)
     margin = np.where(rows.corner >= 0, wanted.margin, wanted.margin_between)
-    report = audit.audit(machine, rows.time, rows.q, wanted, margin)
+    report = audit.audit(robot, rows.time, rows.q, wanted, margin)
     if not report.holds:
         raise CertificateError(f"{frames.name}: refused, {report.complaint}")
     mode = np.where(
         (rows.corner >= 0) | (rows.next < made.clip_from), made.mode[rows.next], BETWEEN
     )
-    certificate = audit.certificate(machine, wanted, report)
+    certificate = audit.certificate(robot, wanted, report)
     words = {
-        "robot": machine.robot.name,
-        "robot_hash": machine.robot.digest,
+        "robot": robot.name,
+        "robot_hash": robot.digest,
         "clip": frames.name,
         "clip_fps": frames.fps,
         **(frames.reading.how.about() if frames.reading else {}),
@@ -187,28 +187,28 @@ def convert(
         **(about or {}),
     }
     motion = trajectory.make(
-        frames.name, machine.robot.joint_names, rows.time, rows.q, report.clearance, mode, words,
+        frames.name, robot.joint_names, rows.time, rows.q, report.clearance, mode, words,
         heading=headings(frames, rows.time - made.offset),
     )  # fmt: skip
     summary = {
         **{key: value for key, value in words.items() if key != "certificate"},
         "certificate": certificate,
-        **summarise(machine, frames, made, rows, report),
+        **summarise(robot, frames, made, rows, report),
     }
     if optimum:
-        summary["to_optimum"] = _to_optimum(machine, frames, made, optimum)
+        summary["to_optimum"] = _to_optimum(robot, frames, made, optimum)
     return Converted(motion, summary)
 
 
 def _rows(
-    machine: Machine, name: str, made: Followed, rate: float | None, even: bool, between: float
+    robot: Robot, name: str, made: Followed, rate: float | None, even: bool, between: float
 ) -> Emission:
     """The rows to be written of a clip that was followed."""
     if rate is None:
         return rates.as_given(made.time, made.q)
     sample = rates.evenly if even else rates.at_rate
     try:
-        return sample(machine, made.time, made.q, rate, between)
+        return sample(robot, made.time, made.q, rate, between)
     except ParameterError as refusal:
         raise ParameterError(f"{name}: {refusal}") from None
 
@@ -233,7 +233,7 @@ def headings(frames: ClipFrames, time: np.ndarray) -> np.ndarray:
 
 
 def summarise(
-    machine: Machine,
+    robot: Robot,
     frames: ClipFrames,
     made: Followed,
     rows: Emission,
@@ -241,7 +241,7 @@ def summarise(
 ) -> dict[str, Any]:
     """What a person or a table wants to know of one clip."""
     q = made.q[made.clip_from :]
-    x = batch.skeletons(machine.chain, q)
+    x = batch.skeletons(robot.chain, q)
     bones = 1.0 - (x * frames.x).reshape(-1, 7, 3).sum(axis=2)  # (n, 7)
     words, counts = np.unique(made.mode, return_counts=True)
     taken = made.seconds[made.clip_from :] * 1e3
@@ -261,17 +261,17 @@ def summarise(
             "corners_kept_as_rows": rows.kept,
         },
         "to_human": {
-            **_spread(cosine_distance(x, frames.x, machine.followed)),
+            **_spread(cosine_distance(x, frames.x, robot.followed)),
             "bones": {
                 bone: mean
                 for bone, mean in zip(BONES, bones.mean(axis=0).tolist(), strict=True)
-                if bone in machine.vectors
+                if bone in robot.vectors
             },
         },
         "clearance_m": {"least": report.least, "mean": float(report.clearance.mean())},
         "speed_rad_s": {
             "highest": report.fastest,
-            "of_limit": _of_limit(machine, made, report),
+            "of_limit": _of_limit(robot, made, report),
         },
         "certified": {
             "poses": len(rows.time),
@@ -305,7 +305,7 @@ def _spread(values: np.ndarray) -> dict[str, float]:
     }
 
 
-def _of_limit(machine: Machine, made: Followed, report: audit.Report) -> float | None:
+def _of_limit(robot: Robot, made: Followed, report: audit.Report) -> float | None:
     """Highest speed as a share of its limit; None where nothing moves or no limit is known."""
     worst = next(check for check in report.checks if check.name == "velocities").worst
     found = worst[0].value / worst[0].wanted if worst else 0.0
@@ -323,14 +323,14 @@ def _jerk(values: np.ndarray, frames: ClipFrames) -> dict[str, float] | None:
 
 
 def _to_optimum(
-    machine: Machine, frames: ClipFrames, made: Followed, starts: int
+    robot: Robot, frames: ClipFrames, made: Followed, starts: int
 ) -> dict[str, float]:
     """How far each frame's pose is from the best feasible one that optimisation finds."""
     from s3le import rng
     from s3le.tuples.ik import ground_truth
 
-    best, to_human = ground_truth(machine, frames.x, starts, 1e-4, rng.stream(0, "optimum"))
-    x = batch.skeletons(machine.chain, made.q[made.clip_from :])
-    best_x = batch.skeletons(machine.chain, best)
-    distance = cosine_distance(x, best_x, machine.followed)
+    best, to_human = ground_truth(robot, frames.x, starts, 1e-4, rng.stream(0, "optimum"))
+    x = batch.skeletons(robot.chain, made.q[made.clip_from :])
+    best_x = batch.skeletons(robot.chain, best)
+    distance = cosine_distance(x, best_x, robot.followed)
     return {**_spread(distance), "optimum_to_human": float(to_human.mean())}

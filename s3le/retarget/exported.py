@@ -17,13 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
-from s3le import machine
 from s3le.errors import BundleError, ParameterError, S3leError
-from s3le.machine import Machine
 from s3le.retarget import encoder, propose
 from s3le.retarget.settings import Settings
 from s3le.retarget.stream import Retargeter
 from s3le.retarget.table import stored_poses
+from s3le.robot.robot import Robot
 from s3le.search import neighbours
 from s3le.search.metrics import LATENT_METRICS, METRICS, to_skeletons
 from s3le.skeleton import DIM
@@ -38,7 +37,7 @@ NEIGHBOURS = "neighbours"
 
 def save(
     folder: Path,
-    it: Machine,
+    it: Robot,
     method: str,
     metric: str,
     settings: Settings,
@@ -76,12 +75,12 @@ def save(
     nets = None if model is None else encoder.read(model, it.tag)
     new = Path(folder).with_name(f".{Path(folder).name}.part")
     shutil.rmtree(new, ignore_errors=True)
-    machine.write(it, new / ROBOT)
+    it.write(new / ROBOT)
     if model is not None:
         shutil.copyfile(model, new / MODEL)
     onto = None
     if index is not None:
-        table = stored_poses(it.robot.n_dof, it.margin)
+        table = stored_poses(it.n_dof, it.margin)
         tables.write({name: index[name] for name in table.columns}, table, new / POSES, it.tag)
         z = index["z"]
         if metric == "mahalanobis":
@@ -126,7 +125,7 @@ def load(folder: Path, changed: Mapping[str, object] | None = None) -> Retargete
                 "write it with: dvc repro export"
             )
         _whole(folder, about["files"])
-        it = machine.read(folder / ROBOT)
+        it = Robot.read(folder / ROBOT)
         if it.tag != about["robot"]:
             raise BundleError(
                 f"{folder}: the robot is {it.tag!r}, the rest is for {about['robot']!r}"
@@ -146,7 +145,7 @@ def load(folder: Path, changed: Mapping[str, object] | None = None) -> Retargete
     return retargeter
 
 
-def _proposer(folder: Path, it: Machine, about: dict, settings: Settings) -> propose.Proposer:
+def _proposer(folder: Path, it: Robot, about: dict, settings: Settings) -> propose.Proposer:
     method, metric, encode = about["method"], about["metric"], None
     if method not in METHODS or metric not in LATENT_METRICS:
         raise BundleError(f"{folder}: unknown method {method!r} or metric {metric!r}")
@@ -160,7 +159,7 @@ def _proposer(folder: Path, it: Machine, about: dict, settings: Settings) -> pro
             return propose.Decoder(nets.encoder, nets.decoder_q)
         after = _after(metric, nets, about["onto"])
         encode = nets.encoder.then(after) if after else nets.encoder
-    table = stored_poses(it.robot.n_dof, it.margin)
+    table = stored_poses(it.n_dof, it.margin)
     poses = np.ascontiguousarray(tables.read(table, folder / POSES, it.tag, ("q",))["q"])
     poses.setflags(write=False)
     index = neighbours.load(folder / NEIGHBOURS)

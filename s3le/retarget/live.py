@@ -49,22 +49,22 @@ class Live:
         if not 0.1 <= rate <= 10_000.0:
             raise ParameterError(f"rate must be in [0.1, 10000] Hz, got {rate!r}")
         self._follower, self._period, self._tilt = follower, 1.0 / rate, tilt_max
-        self._checker = follower.machine.certifier()
+        self._checker = follower.robot.certifier()
         self._time, self._owed, self._last_t, self._number = 0.0, 0.0, None, 0
         self._heading = 0.0  # [rad], of the last good line
-        follower.start(follower.machine.robot.anchor)
+        follower.start(follower.robot.anchor)
 
     def greeting(self) -> str:
         """The first line out: what the others will mean."""
-        machine = self._follower.machine
+        robot = self._follower.robot
         return json.dumps(
             {
-                "robot": machine.robot.name,
-                "robot_hash": machine.robot.digest,
-                "joints": machine.robot.joint_names,
-                "q": machine.robot.anchor.tolist(),
+                "robot": robot.name,
+                "robot_hash": robot.digest,
+                "joints": robot.joint_names,
+                "q": robot.anchor.tolist(),
                 "units": {"t": "s", "q": "rad", "heading": "rad", "clearance": "m"},
-                "margin": machine.margin,
+                "margin": robot.margin,
                 "margin_between": self._follower.margin_between,
             }
         )
@@ -85,7 +85,7 @@ class Live:
         self._owed = 0.0
         self._time += dt
         self._heading = heading
-        report = self._checker.require(made.q[None], self._follower.machine.margin)
+        report = self._checker.require(made.q[None], self._follower.robot.margin)
         return json.dumps(
             {
                 "t": round(self._time, 9),
@@ -151,7 +151,7 @@ class Live:
         points = _array(points, (len(POINTS), 3), "points")
         if not (np.abs(points) <= FARTHEST).all():
             raise ParameterError(f"points must lie within {FARTHEST:g} m")
-        kept = dataset.skeletons(points[None], self._follower.machine.neck, self._tilt)
+        kept = dataset.skeletons(points[None], self._follower.robot.neck, self._tilt)
         if not len(kept.rows):
             cause = next(cause for cause, count in kept.dropped.items() if count)
             raise ClipError(f"this frame cannot be used ({cause})")

@@ -5,8 +5,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.machine import Machine
 from s3le.retarget.refine import Rule
+from s3le.robot.robot import Robot
 from s3le.safety.paths import BUDGET
 
 RANGES = {  # field -> (least, most), both allowed
@@ -63,20 +63,20 @@ class Settings:
             if field.type is bool and type(getattr(self, field.name)) is not bool:
                 raise ParameterError(f"retarget: {field.name} must be true or false")
 
-    def rule(self, machine: Machine) -> Rule:
+    def rule(self, robot: Robot) -> Rule:
         """The settings as the kernels want them.
 
         Raises:
             ParameterError: the three clearances are not in their order.
         """
-        if not self.between <= machine.margin <= self.target:
+        if not self.between <= robot.margin <= self.target:
             raise ParameterError(
                 f"retarget: clearances must be ordered between <= margin <= target, got "
-                f"{self.between:g}, {machine.margin:g}, {self.target:g} m"
+                f"{self.between:g}, {robot.margin:g}, {self.target:g} m"
             )
         return Rule(
             target=float(self.target),
-            margin=float(machine.margin),
+            margin=float(robot.margin),
             between=float(self.between),
             ridge=float(self.ridge),
             pull=float(self.pull),
@@ -85,14 +85,14 @@ class Settings:
             budget=int(self.budget),
         )
 
-    def speed(self, machine: Machine) -> np.ndarray:
+    def speed(self, robot: Robot) -> np.ndarray:
         """Most that each joint may do [rad/s], (n_dof,).
 
         Raises:
             ParameterError: the robot's file gives a joint no speed.
         """
-        speed = np.array([joint.velocity for joint in machine.robot.joints])
+        speed = np.array([joint.velocity for joint in robot.joints])
         if not (speed > 0.0).all() or not np.isfinite(speed).all():
-            name = machine.robot.joints[int(np.argmin((speed > 0.0) & np.isfinite(speed)))].name
-            raise ParameterError(f"robot {machine.robot.name}: joint {name} has no speed limit")
+            name = robot.joints[int(np.argmin((speed > 0.0) & np.isfinite(speed)))].name
+            raise ParameterError(f"robot {robot.name}: joint {name} has no speed limit")
         return speed * self.speed_factor

@@ -16,13 +16,13 @@ import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
-from s3le.machine import Machine
 from s3le.retarget import guard
 from s3le.retarget.calm import calm, directions, middle
 from s3le.retarget.mode import Mode
 from s3le.retarget.propose import Proposer
 from s3le.retarget.refine import LOOKUP, NOTHING
 from s3le.retarget.settings import Settings
+from s3le.robot.robot import Robot
 from s3le.safety import segment
 from s3le.safety.swept import swept
 from s3le.skeleton import BONES, DIM
@@ -67,24 +67,24 @@ class Stream:
 
     def __init__(self, retargeter: "Retargeter", q: np.ndarray | None, check: bool) -> None:
         """Use Retargeter.start."""
-        machine = retargeter.machine
+        robot = retargeter.robot
         self._its, self._check = retargeter, check
-        self._scratch = segment.scratch(machine.chain)
-        self._certifier = machine.certifier()
+        self._scratch = segment.scratch(robot.chain)
+        self._certifier = robot.certifier()
         self.reset(q)
 
     def reset(self, q: np.ndarray | None = None) -> None:
         """Forget everything and start anew, as Retargeter.start does."""
-        machine = self._its.machine
-        self._memory = guard.memory(machine.robot.n_dof)
+        robot = self._its.robot
+        self._memory = guard.memory(robot.n_dof)
         self._kept, self._rate = np.zeros(DIM), np.zeros(DIM)
         self._seen: list[np.ndarray] = []  # the last frames, where the answer comes one late
         self._x: np.ndarray | None = None  # the skeleton last wanted
         self._clearance = np.nan
         self._leading = q is not None
         if q is not None:
-            q = _pose(q, machine.robot.n_dof)
-            report = self._certifier.require(q[None], machine.margin)
+            q = _pose(q, robot.n_dof)
+            report = self._certifier.require(q[None], robot.margin)
             self._clearance = float(report.clearance[0])
             self._memory.q[:] = self._memory.last[:] = q
             self._memory.flag[guard.WARM] = 1
@@ -109,7 +109,7 @@ class Stream:
             ParameterError: x has another shape or holds no numbers, or there is neither a usable
                 frame nor a pose yet. Nothing has changed, and the stream can go on.
         """
-        usable = None if x is None else _directions(self._its.machine, x)
+        usable = None if x is None else _directions(self._its.robot, x)
         memory, started = self._memory, bool(self._memory.flag[guard.WARM])
         try:
             dt = min(float(dt), LONGEST)
@@ -125,16 +125,16 @@ class Stream:
             return self._hold(Mode.DROPPED)
         its = self._its
         found, how = guard.frame(
-            its.machine.chain, its.swept, self._scratch, memory, self._x,
-            its.propose(self._x), its.machine.robot.anchor, dt, its.speed, its.brake, its.rule,
+            its.robot.chain, its.swept, self._scratch, memory, self._x,
+            its.propose(self._x), its.robot.anchor, dt, its.speed, its.brake, its.rule,
         )  # fmt: skip
         if started:
             return self._go(found, how, dt, usable is None)
         if found == NOTHING:
-            memory.next[:] = memory.want[:] = its.machine.robot.anchor
+            memory.next[:] = memory.want[:] = its.robot.anchor
         measured, room = self._certifier.one(memory.next)
-        if not (measured >= its.machine.margin and room >= 0.0):
-            raise CertificateError(self._certifier.why(memory.next, 0, its.machine.margin))
+        if not (measured >= its.robot.margin and room >= 0.0):
+            raise CertificateError(self._certifier.why(memory.next, 0, its.robot.margin))
         self._clearance = measured
         self._move(dt, 0.0)
         return self._answer(Mode.START, self._clearance)
@@ -155,12 +155,12 @@ class Stream:
 
     def _go(self, found: int, how: int, dt: float, dropped: bool) -> Step:
         """Let the independent check decide, then move on."""
-        memory, machine = self._memory, self._its.machine
+        memory, robot = self._memory, self._its.robot
         mode = _HOW.get(how, Mode.LOOKUP if found == LOOKUP else Mode.REFINED)
         clearance = self._clearance if mode is Mode.HELD else float(memory.out[6])
         if self._check and mode is not Mode.HELD:
             measured, room = self._certifier.one(memory.next)
-            if measured >= machine.margin and room >= 0.0:
+            if measured >= robot.margin and room >= 0.0:
                 clearance = measured
             else:  # the two engines disagree: then it is no
                 memory.next[:] = memory.q
@@ -188,8 +188,8 @@ class Stream:
         out = self._memory.out
         return Step(
             self._memory.q.copy(), mode, self._clearance, bound,
-            float(out[5]) / len(self._its.machine.vectors),
-            float(out[2]) / len(self._its.machine.vectors),
+            float(out[5]) / len(self._its.robot.vectors),
+            float(out[2]) / len(self._its.robot.vectors),
         )  # fmt: skip
 
     def _hold(self, mode: Mode) -> Step:
@@ -204,18 +204,18 @@ class Retargeter:
     Any number of threads may share one; each has streams of its own.
     """
 
-    def __init__(self, machine: Machine, proposer: Proposer, settings: Settings) -> None:
+    def __init__(self, robot: Robot, proposer: Proposer, settings: Settings) -> None:
         """Join the parts; `s3le.retarget.exported.load` does it from a folder.
 
         Raises:
             ParameterError: settings do not fit the robot.
         """
-        self.machine, self.settings = machine, settings
-        self.rule, self.speed = settings.rule(machine), settings.speed(machine)
+        self.robot, self.settings = robot, settings
+        self.rule, self.speed = settings.rule(robot), settings.speed(robot)
         self.brake = float(settings.brake) or np.inf
         self.cutoff = float(settings.cutoff) or np.inf
         self.quickness = float(settings.quickness)  # another type would be compiled anew
-        self.swept = swept(machine.chain)
+        self.swept = swept(robot.chain)
         self._proposer, self._own = proposer, threading.local()
 
     @staticmethod
@@ -230,7 +230,7 @@ class Retargeter:
 
         A look-up's scratch is made too, for the thread that calls this.
         """
-        x = batch.skeletons(self.machine.chain, self.machine.robot.anchor[None])[0]
+        x = batch.skeletons(self.robot.chain, self.robot.anchor[None])[0]
         stream = self.start()
         for _ in range(2):  # a first frame, and one that moves
             stream.step(x, 1.0 / 30.0)
@@ -283,7 +283,7 @@ class Retargeter:
             CertificateError: q is not feasible, or the independent check refuses a pose.
         """
         x, times = _motion(x, times)
-        usable = [_directions(self.machine, row) is not None for row in x]
+        usable = [_directions(self.robot, row) is not None for row in x]
         if not any(usable):
             raise ParameterError("a motion needs one frame with seven finite vectors")
         first = int(np.argmax(usable))
@@ -308,7 +308,7 @@ class Retargeter:
             (row.q, np.uint8(row.mode), row.clearance, row.bound, row.distance, row.wanted)
             for row in rows
         ], strict=True)))  # fmt: skip
-        report = self.machine.certifier().require(found.q, self.machine.margin)
+        report = self.robot.certifier().require(found.q, self.robot.margin)
         return found._replace(clearance=report.clearance)
 
 
@@ -330,7 +330,7 @@ def _motion(x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, times
 
 
-def _directions(machine: Machine, x: np.ndarray) -> np.ndarray | None:
+def _directions(robot: Robot, x: np.ndarray) -> np.ndarray | None:
     """Seven unit vectors (21,), as the robot sees them; None where there are none.
 
     Raises:
@@ -344,6 +344,6 @@ def _directions(machine: Machine, x: np.ndarray) -> np.ndarray | None:
         raise ParameterError("a frame must hold numbers") from None
     if x.shape not in ((DIM,), (len(BONES), 3)):
         raise ParameterError(f"a frame must have shape ({DIM},) or (7, 3), got {x.shape}")
-    x = np.ascontiguousarray(machine.seen(x.reshape(DIM)))
+    x = np.ascontiguousarray(robot.seen(x.reshape(DIM)))
     out = np.empty(DIM)
     return out if directions(x, out) else None

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import CertificateError
-from s3le.robot.model import Robot, reduced
+from s3le.robot.model import Geometry
 
 # coal compares squared lengths, and length^2 length^2 sine^2 of two axes, with 2e-14. In metres
 # that takes limbs 1e-5 rad apart for parallel (1e-6 m off) and, at worst, costs a limb's length
@@ -32,7 +32,7 @@ class Report(NamedTuple):
 class Certifier:
     """Measures poses of one robot; holds pinocchio's scratch space, so one per thread."""
 
-    def __init__(self, robot: Robot, watched: np.ndarray) -> None:
+    def __init__(self, robot: Geometry, watched: np.ndarray) -> None:
         """Build the collision model.
 
         Args:
@@ -126,7 +126,7 @@ class Certifier:
         )
 
 
-def placements(robot: Robot, q: np.ndarray) -> list[coal.Transform3s]:
+def placements(robot: Geometry, q: np.ndarray) -> list[coal.Transform3s]:
     """World placement of every body's capsule (its axis along local z) at q [rad], (n_dof,)."""
     model, geometry = _models(robot)
     data, scratch = model.createData(), pin.GeometryData(geometry)
@@ -134,7 +134,7 @@ def placements(robot: Robot, q: np.ndarray) -> list[coal.Transform3s]:
     return [coal.Transform3s(at.rotation, at.translation) for at in scratch.oMg]
 
 
-def point_positions(robot: Robot, q: np.ndarray) -> np.ndarray:
+def point_positions(robot: Geometry, q: np.ndarray) -> np.ndarray:
     """Positions [m] of the mapped skeleton points by pinocchio, (len(robot.points), 3).
 
     In the frame x forward, y left, z up. One pose; the kernels have the batched version.
@@ -150,12 +150,12 @@ def point_positions(robot: Robot, q: np.ndarray) -> np.ndarray:
     )
 
 
-def _models(robot: Robot, scale: float = 1.0) -> tuple[pin.Model, pin.GeometryModel]:
+def _models(robot: Geometry, scale: float = 1.0) -> tuple[pin.Model, pin.GeometryModel]:
     """The URDF's own kinematics, with capsules where the URDF has boxes or cylinders.
 
     All lengths are multiplied by scale.
     """
-    model, geometry = reduced(robot.description)
+    model, geometry = robot.reduced()
     for at in model.jointPlacements:
         at.translation = at.translation * scale
     for item, body in zip(geometry.geometryObjects, robot.bodies, strict=True):

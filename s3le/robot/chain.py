@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s3le.robot.model import Robot
+from s3le.robot.model import Geometry
 from s3le.skeleton import ABSENT, BONES, POINTS
 
 
@@ -30,7 +30,7 @@ class Chain(NamedTuple):
     pair: np.ndarray  # int64 (p, 2), watched pairs of bodies
 
 
-def build(robot: Robot, watched: np.ndarray, neck: str) -> Chain:
+def build(robot: Geometry, watched: np.ndarray, neck: str) -> Chain:
     """Flatten a robot.
 
     Args:
@@ -41,7 +41,7 @@ def build(robot: Robot, watched: np.ndarray, neck: str) -> Chain:
     n = robot.n_dof
     moves = np.zeros((n + 1, n), np.bool_)
     for frame in range(1, n + 1):
-        moves[frame, robot.chain(frame - 1)] = True
+        moves[frame, robot.path_to(frame - 1)] = True
     # The pelvis points do not enter any bone; a robot has none, so they sit at the hip.
     roles = [role if role in robot.points else "hip" for role in POINTS]
     at = {role: i for i, role in enumerate(POINTS)}

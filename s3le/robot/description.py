@@ -4,7 +4,8 @@ Adding a robot means writing this file, never touching code.
 """
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,6 +33,7 @@ _OPTIONAL = {
     "pair_inflation": 1.1,
 }  # fmt: skip
 WIDEST = 100.0  # [rad] an angle beyond this is damage or another unit
+LARGEST = 64 * 2**20  # [bytes] of any file that a robot file names
 FARTHEST = 10.0  # [m] a length or a place beyond this is damage or another unit
 
 
@@ -61,10 +63,15 @@ class Description:
     anchor: dict[str, float]  # joint -> angle [rad]
     velocity: dict[str, float]  # joint -> limit [rad/s], where the URDF's is not to be used
     pair_inflation: float  # [-]
+    files: dict[str, bytes] = field(repr=False)  # robot, urdf, srdf, hulls: as they were read
 
 
-def read_description(path: Path) -> Description:
-    """Read and check a robot file.
+def read_description(path: Path, held: Mapping[str, bytes] | None = None) -> Description:
+    """Read and check a robot file, and read the files that it names.
+
+    Args:
+        path: the robot file.
+        held: its bytes and those of the files beside it, by name, instead of the disk's.
 
     Raises:
         RobotError: the file is missing, too long, is not YAML, lacks a key, has an unknown one,
@@ -72,7 +79,11 @@ def read_description(path: Path) -> Description:
             what is wanted.
     """
     path = Path(path)
-    tree = read_mapping(path, f"the keys {', '.join(_KEYS)}")
+    wanted = f"the keys {', '.join(_KEYS)}"
+    own = None if held is None else held.get(path.name)
+    if own is None:
+        own = _bytes(path, yaml.LARGEST) if path.is_file() else None
+    tree = read_mapping(path, wanted, data=own)
     for key in tree:
         if key not in _KEYS:
             near = get_close_matches(str(key), _KEYS, n=1)
@@ -91,7 +102,8 @@ def read_description(path: Path) -> Description:
     for key, file in files.items():
         if file is None and key != "urdf":
             continue
-        if file is None or not _is_file(file):
+        inside = held is not None and file is not None and file.name in held
+        if file is None or not (inside or _is_file(file)):
             raise RobotError(f"{path}: {key} {tree[key]!r} does not exist below {path.parent}")
     rpy = tree["base_rpy"]
     if not isinstance(rpy, list) or len(rpy) != 3:
@@ -128,22 +140,40 @@ def read_description(path: Path) -> Description:
         anchor=_angles(path, "anchor", tree["anchor"]),
         velocity=_speeds(path, tree["velocity"]),
         pair_inflation=_number(path, "pair_inflation", tree["pair_inflation"], 1.0, 10.0),
+        files={"robot": own}
+        | {
+            key: held[file.name] if held is not None else _bytes(file, LARGEST)
+            for key, file in files.items()
+            if file is not None
+        },
     )
 
 
-def read_mapping(path: Path, wanted: str, largest: int = yaml.LARGEST) -> dict:
+def _bytes(path: Path, largest: int) -> bytes:
+    """The bytes of a file, at most one more than the longest that is taken."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(largest + 1)
+    except OSError as error:
+        raise RobotError(f"{path}: not readable ({error.strerror})") from None
+
+
+def read_mapping(
+    path: Path, wanted: str, largest: int = yaml.LARGEST, data: bytes | None = None
+) -> dict:
     """A YAML file that holds one mapping.
 
     Args:
         path: the file.
         wanted: what the mapping holds, for a refusal.
         largest: longest file that is read [bytes].
+        data: its bytes, where it was read already.
 
     Raises:
         RobotError: the file is missing, too long, not YAML, uses aliases, or holds something else.
     """
     try:
-        return yaml.mapping(path, wanted, RobotError, largest)[0]
+        return yaml.mapping(path, wanted, RobotError, largest, data)[0]
     except FileNotFoundError:
         known = ", ".join(sorted(p.stem for p in path.parent.glob("*.yaml"))) or "none"
         raise RobotError(f"{path} does not exist; robots here: {known}") from None

@@ -4,6 +4,7 @@ It knows nothing of capsules nor of which pairs are watched. Only links that can
 each other, and neighbours (no other hull lies between the two in the tree), are left out.
 """
 
+import io
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,9 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.robot.model import FARTHEST, Robot, reduced
-
-LARGEST = 64 * 2**20  # [bytes] of a file of hulls
+from s3le.robot.description import FARTHEST, LARGEST
+from s3le.robot.model import Geometry
 
 
 class Depths(NamedTuple):
@@ -27,7 +27,7 @@ class Depths(NamedTuple):
 class HullCheck:
     """Measures how deep hulls overlap; holds scratch space, so one per thread."""
 
-    def __init__(self, robot: Robot, file: Path | None = None) -> None:
+    def __init__(self, robot: Geometry, file: Path | None = None) -> None:
         """Read the hulls.
 
         Args:
@@ -37,15 +37,16 @@ class HullCheck:
         Raises:
             RobotError: there is no such file, it is damaged, or names a link that is not there.
         """
+        own = robot.description.files.get("hulls") if file is None else None
         file = robot.description.hulls if file is None else file
         if file is None:
             raise RobotError(
                 f"{robot.description.source} names no hulls; s3le robot new --hulls writes them"
             )
-        self._model, _ = reduced(robot.description)
+        self._model, _ = robot.reduced()
         self._geometry = pin.GeometryModel()
         self.links: list[str] = []
-        for name, corners in _arrays(file).items():
+        for name, corners in _arrays(file, own).items():
             link = name.rpartition("/")[0]
             if not self._model.existFrame(link, pin.FrameType.BODY):
                 raise RobotError(f"{file}: '{link}' is no link of {robot.description.urdf}")
@@ -104,11 +105,14 @@ class HullCheck:
         return " and ".join(self.links[k] for k in self.pairs[row])
 
 
-def _arrays(file: Path) -> dict[str, np.ndarray]:
+def _arrays(file: Path, data: bytes | None) -> dict[str, np.ndarray]:
     try:
-        if file.stat().st_size > LARGEST:
+        if data is None:
+            with file.open("rb") as stream:
+                data = stream.read(LARGEST + 1)
+        if len(data) > LARGEST:
             raise RobotError(f"{file}: longer than the {LARGEST / 2**20:g} MiB of a file of hulls")
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+        with io.BytesIO(data) as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, KeyError, EOFError) as error:
         raise RobotError(f"{file}: not readable as hulls ({str(error)[:100]})") from None

@@ -6,20 +6,18 @@ from pathlib import Path
 from s3le.errors import RobotError
 
 
-def read(path: Path, longest: int, what: str) -> ElementTree.Element:
-    """The root of a file, which must be <robot>.
+def parse(data: bytes, path: Path, longest: int, what: str) -> ElementTree.Element:
+    """The root of a text, which must be <robot>.
 
     Args:
-        path: the file.
-        longest: most bytes that are read.
+        data: the text.
+        path: the file that it is of, for the refusal.
+        longest: most bytes that are taken.
         what: what it is meant to be, for the refusal, e.g. "a URDF".
 
     Raises:
         RobotError: not well-formed, too long, with a DOCTYPE, or of another root.
-        OSError: not readable.
     """
-    with path.open("rb") as stream:
-        data = stream.read(longest + 1)
     if len(data) > longest:
         raise RobotError(f"{path}: longer than the {longest / 2**20:g} MiB of {what}")
     if b"<!DOCTYPE" in data:

@@ -6,7 +6,8 @@ capsule that contains it.
 """
 
 import hashlib
-from dataclasses import dataclass
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -55,9 +56,9 @@ class Point(NamedTuple):
     offset: np.ndarray  # (3,)
 
 
-@dataclass(frozen=True)
-class Robot:
-    """A robot read from its files; geometry only, no state."""
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """What a robot's files say: joints, bodies, points; s3le.robot.robot.Robot decides the rest."""
 
     name: str
     description: Description  # the robot file it was built from
@@ -69,6 +70,8 @@ class Robot:
     anchor: np.ndarray  # [rad], (n_dof,)
     pair_inflation: float
     disabled: dict[frozenset[str], str]  # pairs of links that the SRDF takes off, and its reason
+    parsed: tuple[pin.Model, pin.GeometryModel] = field(repr=False)  # never changed: see reduced
+    tree: ElementTree.Element = field(repr=False)  # of the URDF
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -95,7 +98,12 @@ class Robot:
         """Joint maxima u [rad], (n_dof,)."""
         return np.array([joint.upper for joint in self.joints])
 
-    def chain(self, joint: int) -> list[int]:
+    def reduced(self) -> tuple[pin.Model, pin.GeometryModel]:
+        """The URDF's pinocchio model with every joint locked but the moving ones; a copy."""
+        model, geometry = self.parsed
+        return model.copy(), geometry.copy()
+
+    def path_to(self, joint: int) -> list[int]:
         """Moving joints from the base up to and including joint (-1: none)."""
         path = []
         while joint >= 0:
@@ -104,7 +112,7 @@ class Robot:
         return path[::-1]
 
 
-def load(path: Path) -> Robot:
+def load(path: Path) -> Geometry:
     """Read a robot file and its URDF.
 
     Raises:
@@ -113,10 +121,10 @@ def load(path: Path) -> Robot:
     return from_description(read_description(path))
 
 
-def from_description(text: Description) -> Robot:
-    """Build the robot that a checked robot file describes (see load)."""
-    tree = urdf.elements(text.urdf)
-    model, geometry = reduced(text)
+def from_description(text: Description) -> Geometry:
+    """Build what a checked robot file describes (see load)."""
+    tree = urdf.elements(text.urdf, text.files["urdf"])
+    model, geometry = _reduced(text)
     where = str(text.urdf)
     data = model.createData()
     home = pin.neutral(model)
@@ -146,7 +154,7 @@ def from_description(text: Description) -> Robot:
                 f"{text.source}: anchor of {joint.name} is {angle:.4f} rad, outside its range "
                 f"[{joint.lower:.4f}, {joint.upper:.4f}]"
             )
-    robot = Robot(
+    found = Geometry(
         name=text.name,
         description=text,
         digest="",
@@ -156,13 +164,14 @@ def from_description(text: Description) -> Robot:
         base_rotation=pin.rpy.rpyToMatrix(*text.base_rpy),
         anchor=anchor,
         pair_inflation=text.pair_inflation,
-        disabled=srdf.disabled(text.srdf) if text.srdf else {},
+        disabled=srdf.disabled(text.srdf, text.files["srdf"]) if text.srdf else {},
+        parsed=(model, geometry),
+        tree=tree,
     )
-    object.__setattr__(robot, "digest", _digest(robot))
-    return robot
+    return replace(found, digest=_digest(found))
 
 
-def reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
+def _reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
     """The URDF's pinocchio model with every joint locked but the moving ones.
 
     Raises:
@@ -171,8 +180,11 @@ def reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
     printed: list[str] = []
     try:
         with urdf.quiet(printed):
-            model = pin.buildModelFromUrdf(str(text.urdf))
-            geometry = pin.buildGeomFromUrdf(model, str(text.urdf), pin.GeometryType.COLLISION)
+            xml = text.files["urdf"].decode("utf-8", "replace")
+            model = pin.buildModelFromXML(xml)
+            geometry = pin.buildGeomFromUrdfString(
+                model, xml, pin.GeometryType.COLLISION, package_dirs=str(text.urdf.parent)
+            )
     except (ValueError, RuntimeError) as error:
         reason = "; ".join([*printed[:1], " ".join(str(error).split())[:200]])
         raise RobotError(f"{text.urdf}: pinocchio cannot read it ({reason})") from None
@@ -322,7 +334,7 @@ def containing_capsule_of_box(sides: np.ndarray) -> tuple[float, float, np.ndarr
     return half, radius, np.eye(3)[longest]
 
 
-def _digest(robot: Robot) -> str:
+def _digest(robot: Geometry) -> str:
     parts = [robot.name.encode()]
     for joint in robot.joints:
         parts += [joint.name.encode(), str(joint.parent).encode()]

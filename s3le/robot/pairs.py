@@ -13,7 +13,7 @@ import numpy as np
 
 from s3le.errors import RobotError
 from s3le.robot.certificate import placements
-from s3le.robot.model import Robot
+from s3le.robot.model import Geometry
 
 WATCHED = "watched"
 FIXED = "cannot move relative to each other"
@@ -31,26 +31,26 @@ class Pair(NamedTuple):
     clearance: float  # [m] at the anchor, capsules not grown
 
 
-def body_kinds(robot: Robot) -> list[str]:
+def body_kinds(robot: Geometry) -> list[str]:
     """For each body: "trunk" (moves with the waist or not at all), "right" or "left" (an arm).
 
     An arm is whatever hangs on a joint of that side's hand chain that the neck does not ride on;
     what stands still and lies below the hip belongs to the trunk too, so the legs are "trunk".
     """
-    trunk = set(robot.chain(robot.points["neck"].joint))
+    trunk = set(robot.path_to(robot.points["neck"].joint))
     sides = {}
     for side in robot.arms:
-        for joint in robot.chain(robot.points[f"{side}_hand"].joint):
+        for joint in robot.path_to(robot.points[f"{side}_hand"].joint):
             if joint not in trunk:
                 sides.setdefault(joint, {"r": "right", "l": "left"}[side])
     kinds = []
     for body in robot.bodies:
-        path = robot.chain(body.joint)
+        path = robot.path_to(body.joint)
         kinds.append(next((sides[j] for j in path if j in sides), "trunk"))
     return kinds
 
 
-def all_pairs(robot: Robot) -> list[Pair]:
+def all_pairs(robot: Geometry) -> list[Pair]:
     """Every pair of bodies with its decision, in order of (a, b).
 
     Raises:
@@ -90,7 +90,7 @@ def all_pairs(robot: Robot) -> list[Pair]:
     return pairs
 
 
-def anchor_collision(robot: Robot, pairs: list[Pair]) -> Pair | None:
+def anchor_collision(robot: Geometry, pairs: list[Pair]) -> Pair | None:
     """A pair that collides at the anchor, which the anchor rule would otherwise stop watching.
 
     Neighbours in the tree overlap by design, and so may what follows them without a gap (a
@@ -108,9 +108,9 @@ def anchor_collision(robot: Robot, pairs: list[Pair]) -> Pair | None:
     return None
 
 
-def _between(robot: Robot, a: int, b: int) -> list[int]:
+def _between(robot: Geometry, a: int, b: int) -> list[int]:
     """The joints from a to b through the tree, both included; -1 is the base."""
-    up, down = ([-1, *robot.chain(joint)] for joint in (a, b))
+    up, down = ([-1, *robot.path_to(joint)] for joint in (a, b))
     shared = sum(x == y for x, y in zip(up, down, strict=False))
     return up[: shared - 1 : -1] + down[shared - 1 :]
 
@@ -120,7 +120,7 @@ def watched(pairs: list[Pair]) -> np.ndarray:
     return np.array([(p.a, p.b) for p in pairs if p.reason == WATCHED], np.int64).reshape(-1, 2)
 
 
-def _distance(robot: Robot, at: list[coal.Transform3s], a: int, b: int, grow: float) -> float:
+def _distance(robot: Geometry, at: list[coal.Transform3s], a: int, b: int, grow: float) -> float:
     shapes = []
     for index in (a, b):
         body = robot.bodies[index]

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.robot.certificate import PER_METRE, Certifier
-from s3le.robot.model import Robot, reduced
+from s3le.robot.model import Geometry
 
 
 class Places(NamedTuple):
@@ -30,9 +30,9 @@ class Closest(NamedTuple):
 class Poser:
     """Places one robot; holds scratch: one per thread."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Geometry) -> None:
         """Make everything that does not depend on the pose."""
-        self._model, _ = reduced(robot.description)
+        self._model, _ = robot.reduced()
         self._data = self._model.createData()
         self._base = pin.SE3(np.array(robot.base_rotation), np.zeros(3))
 

@@ -8,14 +8,14 @@ import numpy as np
 
 from s3le.errors import RobotError
 from s3le.robot.description import ARMS
-from s3le.robot.model import Robot
+from s3le.robot.model import Geometry
 
 BENDS = np.radians(15.0)  # [rad], range that an elbow must have at least
 TURNS = np.radians(3.0)  # [rad], a bone that turns less stands still for this project
 _POSES = 400
 
 
-def poses(robot: Robot, count: int = _POSES) -> np.ndarray:
+def poses(robot: Geometry, count: int = _POSES) -> np.ndarray:
     """Poses uniform in the limits, the anchor first; always the same, (count, n_dof) [rad]."""
     rng = np.random.default_rng(0)
     q = rng.uniform(robot.lower, robot.upper, (count, robot.n_dof))
@@ -23,7 +23,7 @@ def poses(robot: Robot, count: int = _POSES) -> np.ndarray:
     return q
 
 
-def points(robot: Robot, q: np.ndarray) -> dict[str, np.ndarray]:
+def points(robot: Geometry, q: np.ndarray) -> dict[str, np.ndarray]:
     """Skeleton points of poses (n, n_dof), by role (n, 3) [m], x forward, y left, z up."""
     R = [np.broadcast_to(np.eye(3), (len(q), 3, 3))]
     p = [np.zeros((len(q), 3))]
@@ -41,7 +41,7 @@ def points(robot: Robot, q: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
-def refuse_nonsense(robot: Robot) -> None:
+def refuse_nonsense(robot: Geometry) -> None:
     """Refuse points that cannot be meant.
 
     Raises:

@@ -9,17 +9,26 @@ from s3le.robot import markup
 LARGEST = 4 * 2**20  # [bytes]; large ones have two hundred thousand
 
 
-def disabled(path: Path) -> dict[frozenset[str], str]:
+def disabled(path: Path, data: bytes | None = None) -> dict[frozenset[str], str]:
     """Pairs of links that are not to be watched, with the reason that the file gives.
+
+    Args:
+        path: the file.
+        data: its text, where it was read already.
 
     Raises:
         RobotError: the file is missing, too long, no SRDF, or an entry lacks a link.
     """
     path = Path(path)
-    try:
-        root = markup.read(path, LARGEST, "an SRDF")
-    except OSError as error:
-        raise RobotError(f"{path}: not readable ({error.strerror}); give another SRDF") from None
+    if data is None:
+        try:
+            with path.open("rb") as stream:
+                data = stream.read(LARGEST + 1)
+        except OSError as error:
+            raise RobotError(
+                f"{path}: not readable ({error.strerror}); give another SRDF"
+            ) from None
+    root = markup.parse(data, path, LARGEST, "an SRDF")
     pairs = {}
     for item in root.findall("disable_collisions"):
         one, two = item.get("link1"), item.get("link2")

@@ -39,14 +39,21 @@ _ATTRIBUTES = {
 _ONCE = ("joint", "collision", "geometry")  # of whose children each may be there only once
 
 
-def elements(path: Path) -> ElementTree.Element:
+def elements(path: Path, data: bytes | None = None) -> ElementTree.Element:
     """The elements of a URDF, once no name in it is a slip of one that matters.
+
+    Args:
+        path: the file.
+        data: its text, where it was read already.
 
     Raises:
         RobotError: not well-formed, too long, with a DOCTYPE, of another root, a misspelt name,
             or an element twice where one is read.
     """
-    root = markup.read(path, LARGEST, "a URDF")
+    if data is None:
+        with path.open("rb") as stream:
+            data = stream.read(LARGEST + 1)
+    root = markup.parse(data, path, LARGEST, "a URDF")
     links, joints = root.findall("link"), root.findall("joint")
     bodies = root.findall("link/collision")
     for item in [root, *links, *joints, *bodies, *root.iterfind("link/collision/geometry")]:

@@ -3,7 +3,7 @@
 Poses are measured by coal (s3le.robot.certificate), the straight paths between them are proven
 (s3le.safety.paths); where a path collides, coal says how deep at the pose that the proof found.
 What could not be decided counts as broken. Nothing is said of the pairs of bodies that are not
-watched (Machine.unwatched), of bodies outside the model, of dynamics, or of how well a robot
+watched (Robot.unwatched), of bodies outside the model, of dynamics, or of how well a robot
 tracks it.
 """
 
@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.machine import Machine
 from s3le.robot.certificate import Certifier
+from s3le.robot.robot import Robot
 from s3le.safety.paths import BUDGET, CERTIFIED, COLLIDES, UNDECIDED, Segments, certify
 
 ROUNDING = 1e-6  # share by which a speed may exceed its limit: times in a file are rounded
@@ -85,7 +85,7 @@ class Report(NamedTuple):
 
 
 def demands(
-    machine: Machine,
+    robot: Robot,
     margin: float | None = None,
     margin_between: float | None = None,
     velocity: dict[str, float] | float | None = None,
@@ -103,7 +103,7 @@ def demands(
     Raises:
         ParameterError: a number is out of its range, or a joint unknown.
     """
-    margin = machine.margin if margin is None else margin
+    margin = robot.margin if margin is None else margin
     if not 0.0 < margin < np.inf:
         raise ParameterError(f"margin must be above 0 m, got {margin!r}")
     margin_between = margin / 4 if margin_between is None else margin_between
@@ -112,8 +112,8 @@ def demands(
             f"margin_between must be above 0 and at most margin, {margin!r} m, "
             f"got {margin_between!r}"
         )
-    names = machine.robot.joint_names
-    limit = np.array([joint.velocity for joint in machine.robot.joints])
+    names = robot.joint_names
+    limit = np.array([joint.velocity for joint in robot.joints])
     limit[~(limit > 0.0)] = np.inf  # a URDF without a limit is read as 0
     given = velocity if isinstance(velocity, dict) else dict.fromkeys(names, velocity)
     for joint, value in given.items():
@@ -129,7 +129,7 @@ def demands(
 
 
 def audit(
-    machine: Machine,
+    robot: Robot,
     time: np.ndarray,
     q: np.ndarray,
     wanted: Demands,
@@ -146,12 +146,12 @@ def audit(
         at_rows: clearance asked of each pose [m], (n,), instead of wanted.margin.
         progress: called with numbers of further rows done; 2 n - 1 in all.
     """
-    if machine.margin != wanted.margin:
-        machine = replace(machine, margin=wanted.margin)
+    if robot.margin != wanted.margin:
+        robot = replace(robot, margin=wanted.margin)
     time, q = np.asarray(time, float), np.ascontiguousarray(q, float)
     margin = np.full(len(q), wanted.margin) if at_rows is None else at_rows
-    paths = certify(machine, q, wanted.margin_between, wanted.budget, progress)
-    checker = machine.certifier()
+    paths = certify(robot, q, wanted.margin_between, wanted.budget, progress)
+    checker = robot.certifier()
     poses = checker.check(q, progress)
     speed = np.abs(np.diff(q, axis=0)) / np.diff(time)[:, None]  # (n - 1, n_dof)
     clear = poses.clearance >= margin  # NaN compares False
@@ -160,10 +160,10 @@ def audit(
         rows=len(q),
         seconds=float(time[-1] - time[0]),
         checks=(
-            _limits(machine, time, q),
-            _velocities(machine, time, speed, wanted.velocity),
-            _poses(machine, time, poses.clearance, poses.pair, margin, clear),
-            _paths(machine, checker, time, q, paths, wanted.margin_between),
+            _limits(robot, time, q),
+            _velocities(robot, time, speed, wanted.velocity),
+            _poses(robot, time, poses.clearance, poses.pair, margin, clear),
+            _paths(robot, checker, time, q, paths, wanted.margin_between),
         ),
         deep=int((poses.clearance < 0.0).sum()),
         between=int(((paths.status == COLLIDES) & clear[:-1] & clear[1:]).sum()),
@@ -174,9 +174,8 @@ def audit(
     )
 
 
-def certificate(machine: Machine, wanted: Demands, report: Report) -> dict[str, Any]:
+def certificate(robot: Robot, wanted: Demands, report: Report) -> dict[str, Any]:
     """What was shown of a trajectory that holds, and what was not, as JSON can hold it."""
-    robot = machine.robot
     return {
         "robot": robot.name,
         "robot_hash": robot.digest,
@@ -190,16 +189,16 @@ def certificate(machine: Machine, wanted: Demands, report: Report) -> dict[str, 
         },
         "covers": "watched pairs of the modelled capsules on straight joint paths; "
         "no dynamics, no tracking error",
-        "not_covered": not_covered(machine),
+        "not_covered": not_covered(robot),
         "holds": report.holds,
     }
 
 
-def not_covered(machine: Machine) -> list[dict[str, str]]:
+def not_covered(robot: Robot) -> list[dict[str, str]]:
     """The pairs of bodies that nothing is said about, with the reason."""
     return [
         {"a": a, "b": b, "kind": kind, "reason": reason}
-        for a, b, kind, reason in machine.unwatched()
+        for a, b, kind, reason in robot.unwatched()
     ]
 
 
@@ -253,8 +252,7 @@ def _number(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def _limits(machine: Machine, time: np.ndarray, q: np.ndarray) -> Check:
-    robot = machine.robot
+def _limits(robot: Robot, time: np.ndarray, q: np.ndarray) -> Check:
     inside = np.minimum(q - robot.lower, robot.upper - q)  # (n, n_dof)
     joint = inside.argmin(axis=1)
     least = inside[np.arange(len(q)), joint]
@@ -264,12 +262,12 @@ def _limits(machine: Machine, time: np.ndarray, q: np.ndarray) -> Check:
     )
 
 
-def _velocities(machine: Machine, time: np.ndarray, speed: np.ndarray, limit: np.ndarray) -> Check:
+def _velocities(robot: Robot, time: np.ndarray, speed: np.ndarray, limit: np.ndarray) -> Check:
     share = speed / limit  # of a limit that is not known: 0
     joint = share.argmax(axis=1) if len(share) else np.zeros(0, int)
     rows = np.arange(len(share))
     worst, fast = share[rows, joint], speed[rows, joint]
-    name = machine.robot.joint_names
+    name = robot.joint_names
     return _check(
         "velocities", "rad/s", time, ~(worst <= 1.0 + ROUNDING), -worst, fast,
         lambda i: name[joint[i]], limit[joint],
@@ -277,7 +275,7 @@ def _velocities(machine: Machine, time: np.ndarray, speed: np.ndarray, limit: np
 
 
 def _poses(
-    machine: Machine,
+    robot: Robot,
     time: np.ndarray,
     clearance: np.ndarray,
     pair: np.ndarray,
@@ -286,12 +284,12 @@ def _poses(
 ) -> Check:
     return _check(
         "poses", "m", time, ~clear, clearance - margin, clearance,
-        lambda i: machine.pair_name(pair[i]) if pair[i] >= 0 else "", margin,
+        lambda i: robot.pair_name(pair[i]) if pair[i] >= 0 else "", margin,
     )  # fmt: skip
 
 
 def _paths(
-    machine: Machine,
+    robot: Robot,
     checker: Certifier,
     time: np.ndarray,
     q: np.ndarray,
@@ -311,7 +309,7 @@ def _paths(
     order = np.where(unknown, np.inf, value)  # last: how bad they are is not known
     found = _check(
         "paths", "m", when, paths.status != CERTIFIED, order, value,
-        lambda i: machine.pair_name(pair[i]) if pair[i] >= 0 else "", margin,
+        lambda i: robot.pair_name(pair[i]) if pair[i] >= 0 else "", margin,
     )  # fmt: skip
     return found._replace(undecided=int(unknown.sum()))
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.robot.certificate import Certifier, placements
-from s3le.robot.model import Robot, reduced
+from s3le.robot.model import Geometry
 
 _LARGEST = 1e3  # [rad], what is beyond is no angle of a robot, and too far to sample
 
@@ -31,7 +31,7 @@ class Judge:
         """Measure the robot.
 
         Args:
-            certifier: what tells the clearance of a pose (Machine.certifier).
+            certifier: what tells the clearance of a pose (Robot.certifier).
             step: most that a point of a body may move between two poses looked at [m].
         """
         self._certifier, self._step = certifier, step
@@ -60,12 +60,12 @@ class Judge:
         return (1.0 - share) * q0 + share * q1
 
 
-def reaches(robot: Robot) -> np.ndarray:
+def reaches(robot: Geometry) -> np.ndarray:
     """How far any point of a body can get from each joint that moves it [m], (bodies, n_dof).
 
     The lengths of the links between, by pinocchio, and the body's own size; 0: not moved by it.
     """
-    model, geometry = reduced(robot.description)
+    model, geometry = robot.reduced()
     data = model.createData()
     pin.forwardKinematics(model, data, np.asarray(robot.anchor, float))
     out = np.zeros((len(robot.bodies), robot.n_dof))

@@ -16,7 +16,7 @@ import numpy as np
 
 from s3le.errors import ParameterError
 from s3le.kernels.threads import workers
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.safety import segment
 from s3le.safety.segment import CERTIFIED, COLLIDES, UNDECIDED
 from s3le.safety.swept import swept
@@ -53,7 +53,7 @@ class Step(NamedTuple):
 class Prover:
     """Proves one path at a time, for use while a robot moves; holds scratch: one per thread."""
 
-    def __init__(self, machine: Machine, margin_between: float, budget: int = BUDGET) -> None:
+    def __init__(self, robot: Robot, margin_between: float, budget: int = BUDGET) -> None:
         """Make everything that does not depend on the poses.
 
         Args:
@@ -64,10 +64,10 @@ class Prover:
         Raises:
             ParameterError: margin_between or budget is out of its range.
         """
-        _check(machine, margin_between, budget)
-        self._chain = machine.chain
-        self._swept = swept(machine.chain)
-        self._scratch = segment.scratch(machine.chain)
+        _check(robot, margin_between, budget)
+        self._chain = robot.chain
+        self._swept = swept(robot.chain)
+        self._scratch = segment.scratch(robot.chain)
         self._margin, self._budget = float(margin_between), int(budget)
 
     def step(self, q0: np.ndarray, q1: np.ndarray) -> Step:
@@ -90,7 +90,7 @@ class Prover:
 
 
 def certify(
-    machine: Machine,
+    robot: Robot,
     q: np.ndarray,
     margin_between: float,
     budget: int = BUDGET,
@@ -114,8 +114,8 @@ def certify(
     Raises:
         ParameterError: q has another shape, margin_between or budget is out of its range.
     """
-    _check(machine, margin_between, budget)
-    chain = machine.chain
+    _check(robot, margin_between, budget)
+    chain = robot.chain
     q = np.ascontiguousarray(q, float)
     if q.ndim != 2 or q.shape[1] != len(chain.parent) or not len(q):
         raise ParameterError(
@@ -144,11 +144,11 @@ def certify(
     return Segments(status, bound, until, t, pair, clearance, used)
 
 
-def _check(machine: Machine, margin_between: float, budget: int) -> None:
-    if not 0.0 < margin_between <= machine.margin:
+def _check(robot: Robot, margin_between: float, budget: int) -> None:
+    if not 0.0 < margin_between <= robot.margin:
         raise ParameterError(
             f"margin_between must be above 0 and at most the margin of the poses, "
-            f"{machine.margin!r} m, got {margin_between!r}"
+            f"{robot.margin!r} m, got {margin_between!r}"
         )
     if not budget >= 0:
         raise ParameterError(f"the budget of a proof must be at least 0 poses, got {budget!r}")

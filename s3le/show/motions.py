@@ -15,10 +15,10 @@ from s3le.human.keypoints import how as reading
 from s3le.human.keypoints.how import How
 from s3le.human.read import digest
 from s3le.human.skeletons import read_frames
-from s3le.machine import Machine
 from s3le.motion import files
 from s3le.motion.fit import fit
 from s3le.motion.trajectory import Trajectory
+from s3le.robot.robot import Robot
 
 ON_ROW = 1e-7  # [s], a moment this close to a row is that row
 CLIP, CLIP_HASH = "clip_file", "clip_sha256"  # keys of what a motion says about itself
@@ -31,7 +31,7 @@ class Shown(NamedTuple):
 
     label: str
     path: Path
-    machine: Machine
+    robot: Robot
     trajectory: Trajectory  # its joints in the robot's order
     notes: list[str]  # what a person should know about it
 
@@ -46,7 +46,7 @@ class Human(NamedTuple):
 
 def read(
     path: Path,
-    machine: Machine,
+    robot: Robot,
     fps: float | None = None,
     joints: list[str] | None = None,
     degrees: bool = False,
@@ -56,13 +56,13 @@ def read(
     Raises:
         TrajectoryError: what the audit's reader refuses.
     """
-    return of(files.read(path, fps, joints), path, machine, degrees)
+    return of(files.read(path, fps, joints), path, robot, degrees)
 
 
-def of(trajectory: Trajectory, path: Path, machine: Machine, degrees: bool = False) -> Shown:
+def of(trajectory: Trajectory, path: Path, robot: Robot, degrees: bool = False) -> Shown:
     """The motion that a file's trajectory is, of a robot; see read."""
-    fitted = fit(trajectory, machine.robot, degrees)
-    return Shown(path.stem, path, machine, fitted.trajectory, fitted.notes)
+    fitted = fit(trajectory, robot, degrees)
+    return Shown(path.stem, path, robot, fitted.trajectory, fitted.notes)
 
 
 def named(shown: list[Shown]) -> list[Shown]:
@@ -122,7 +122,7 @@ def human(path: Path, shown: Shown, how: How | None = None) -> Human:
     if how == How() and _is_recorded(path, shown):
         how = reading.recorded(about)
     fps = _number(about, "clip_fps")
-    frames = read_frames(path, shown.machine.neck, TILT_MAX, fps, how=how)
+    frames = read_frames(path, shown.robot.neck, TILT_MAX, fps, how=how)
     time = frames.time + (_number(about, "clip_time_offset_s") or 0.0)
     if time[0] > shown.trajectory.time[-1] + 1.0 or time[-1] < shown.trajectory.time[0] - 1.0:
         raise ClipError(

@@ -43,7 +43,7 @@ def robot(
         several: there are others, so it needs a colour of its own.
         progress: called with numbers of moments measured.
     """
-    chain = shown.machine.chain
+    chain = shown.robot.chain
     q = motions.poses(shown, times)
     clearance = batch.clearances(chain, q, progress)
     kind = pace.kinds(shown, times)

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from s3le.errors import RobotError
 from s3le.robot import urdf
-from s3le.robot.model import Robot, reduced
+from s3le.robot.model import Geometry
 
 GREY = (0.72, 0.74, 0.76)  # of what has no colour
 MOST_BYTES = 256 << 20  # of one mesh file
@@ -31,7 +31,7 @@ class Visual(NamedTuple):
     colour: tuple[float, float, float]
 
 
-def visuals(robot: Robot, file: Path | None = None) -> list[Visual]:
+def visuals(robot: Geometry, file: Path | None = None) -> list[Visual]:
     """The meshes of a robot's URDF; none where it has none.
 
     Args:
@@ -43,8 +43,8 @@ def visuals(robot: Robot, file: Path | None = None) -> list[Visual]:
             none for the robot's links.
     """
     source = robot.description.urdf if file is None else Path(file)
-    tree = urdf.elements(source)
-    model, _ = reduced(robot.description)
+    tree = robot.tree if file is None else urdf.elements(source)
+    model, _ = robot.reduced()
     named = {m.get("name"): m for m in tree.findall("material")}
     found = []
     for link in tree.findall("link"):

@@ -17,10 +17,19 @@ def write_json(tree: Mapping, path: Path) -> None:
         TableError: a value is not finite or not JSON.
     """
     try:
-        text = json.dumps(tree, indent=2, sort_keys=True, allow_nan=False) + "\n"
+        text = encode_json(tree)
     except (ValueError, TypeError) as error:
         raise TableError(f"{path}: not writable as JSON ({error})") from None
     write_text(text, path)
+
+
+def encode_json(tree: Mapping) -> str:
+    """A mapping as JSON with sorted keys.
+
+    Raises:
+        ValueError, TypeError: a value is not finite or not JSON.
+    """
+    return json.dumps(tree, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 
 def read_json(path: Path, stage: str) -> dict:

@@ -38,7 +38,7 @@ def write(
         columns: arrays of shape (n,) or (n, width), or a polars frame, in the contract's order.
         table: the contract.
         path: where; the folder is made if need be.
-        robot: tag of the robot that the rows were made for (Machine.tag); wanted if table.robot.
+        robot: tag of the robot that the rows were made for (Robot.tag); wanted if table.robot.
         note: further words for the file's metadata, see read_note.
 
     Raises:
@@ -102,7 +102,7 @@ def read(
     Args:
         table: the contract.
         path: the file, or the folder of a table in shards.
-        robot: tag of the robot at hand (Machine.tag); compared if given and table.robot.
+        robot: tag of the robot at hand (Robot.tag); compared if given and table.robot.
         columns: those wanted, all if None. All are checked; of a table in shards no more than
             the wanted ones and one shard are in memory at once.
 

@@ -14,7 +14,11 @@ LARGEST = 32 * 2**10  # [bytes] of a file that people write
 
 
 def mapping(
-    path: Path, wanted: str, wrong: type[S3leError], largest: int = LARGEST
+    path: Path,
+    wanted: str,
+    wrong: type[S3leError],
+    largest: int = LARGEST,
+    data: bytes | None = None,
 ) -> tuple[dict[Any, Any], str]:
     """Read a file that holds one mapping, as YAML 1.2, which is how DVC reads: 1e-3 is a number.
 
@@ -23,6 +27,7 @@ def mapping(
         wanted: what the mapping holds, for a refusal.
         wrong: what a refusal is raised as.
         largest: longest file that is read [bytes].
+        data: the file's bytes, where it was read already.
 
     Returns:
         Pair (mapping, text of the file).
@@ -32,8 +37,9 @@ def mapping(
         S3leError, as `wrong`: it is too long, not YAML, has what objection names, or is no mapping.
     """
     try:
-        with Path(path).open("rb") as stream:
-            data = stream.read(largest + 1)
+        if data is None:
+            with Path(path).open("rb") as stream:
+                data = stream.read(largest + 1)
         if len(data) > largest:
             raise wrong(f"{path}: longer than the {largest / 1024:g} KiB that are read")
         text = data.decode("utf-8")

@@ -9,9 +9,9 @@ from s3le.errors import TableError
 from s3le.kernels import batch
 from s3le.learn import artifact
 from s3le.learn.methods import Entry
-from s3le.machine import Machine
 from s3le.retarget.table import stored_poses
 from s3le.robot.certificate import Report
+from s3le.robot.robot import Robot
 from s3le.search import metrics
 from s3le.store import documents, tables
 from s3le.study.evaluation import between, score, summary
@@ -30,7 +30,7 @@ class Answered(NamedTuple):
 
 
 def stored(
-    machine: Machine,
+    robot: Robot,
     entry: Entry,
     human: np.ndarray,
     pool: Columns | None,
@@ -51,7 +51,7 @@ def stored(
     """
     z, net = human, None
     if entry.model:
-        net, _ = artifact.load_model(model, method=entry.model, robot_hash=machine.tag)
+        net, _ = artifact.load_model(model, method=entry.model, robot_hash=robot.tag)
         z = artifact.encode_x(net, human)
     by, n = entry.model or "skeleton", len(human)
     if pool is None:
@@ -64,7 +64,7 @@ def stored(
 
 
 def followed(
-    machine: Machine,
+    robot: Robot,
     name: str,
     folder: Path,
     frames: Columns,
@@ -86,17 +86,17 @@ def followed(
     retargeter = folder.load(folder)
     refine = name == "certified_refined"
     q, mode = follow(
-        machine, retargeter, frames["clip"], frames["time"], frames["x"], refine, progress
+        robot, retargeter, frames["clip"], frames["time"], frames["x"], refine, progress
     )
     poses, pool = folder / folder.POSES, 0
     if poses.exists():  # a decoder has none
-        table = stored_poses(machine.robot.n_dof, machine.margin)
-        pool = len(tables.read(table, poses, machine.tag, ("row",))["row"])
+        table = stored_poses(robot.n_dof, robot.margin)
+        pool = len(tables.read(table, poses, robot.tag, ("row",))["row"])
     return Answered(q, np.full(len(q), -1), mode, about["method"], pool)
 
 
 def judge(
-    machine: Machine,
+    robot: Robot,
     name: str,
     entry: Entry,
     frames: Columns,
@@ -124,13 +124,13 @@ def judge(
     for column in ("clip", "frame"):
         if not np.array_equal(frames[column], truth[column]):
             raise TableError("ground_truth and skeletons hold different frames; dvc repro truth")
-    q, checker = answered.q, machine.certifier()
+    q, checker = answered.q, robot.certifier()
     if entry.pool or entry.online:
-        report = checker.require(q, machine.margin, progress)
+        report = checker.require(q, robot.margin, progress)
     else:
         report = checker.check(q, progress)
-    x = batch.skeletons(machine.chain, q)
-    scored = score(x, truth["x"], frames["x"], machine.followed)
+    x = batch.skeletons(robot.chain, q)
+    scored = score(x, truth["x"], frames["x"], robot.followed)
     split = frames["split"]
     columns = {
         "method": np.full(len(q), name),
@@ -156,8 +156,8 @@ def judge(
             own["clip"],
             type(scored)(*(values[at] for values in scored)),
             checked,
-            machine.margin,
-            between(machine, own, q[at], checked),
+            robot.margin,
+            between(robot, own, q[at], checked),
             answered.mode[at],
         )
         figures[part]["all"]["pool"] = answered.pool

@@ -13,8 +13,8 @@ import numpy as np
 from s3le.errors import ParameterError
 from s3le.human.splits import test_rows
 from s3le.kernels import batch
-from s3le.machine import Machine
 from s3le.rng import stream
+from s3le.robot.robot import Robot
 from s3le.search.metrics import look_up
 from s3le.skeleton import DIM, cosine_distance
 from s3le.tuples import samplers
@@ -46,7 +46,7 @@ def distances(
         x: stored skeletons, (n, 21), bones of unit length.
         humans: skeletons to come near to, (m, 21), bones of unit length.
         progress: called with numbers of skeletons done.
-        bones: which of the seven count (Machine.followed), the others equal everywhere.
+        bones: which of the seven count (Robot.followed), the others equal everywhere.
 
     Returns:
         Distance [-], (m,), in [0, 2].
@@ -76,7 +76,7 @@ def summary(found: np.ndarray) -> dict[str, float]:
 
 
 def draw_pool(
-    machine: Machine,
+    robot: Robot,
     sampler: str,
     rows: int,
     alpha: float,
@@ -97,14 +97,13 @@ def draw_pool(
         ParameterError: an unknown sampler, or a number out of its range.
         CertificateError: a projected pose is not feasible.
     """
-    robot = machine.robot
     low, high = relaxed_limits(robot.lower, robot.upper, alpha)
     # A stream of its own for each sampler: their differences are then not those of one draw.
     rng = stream(seed, f"coverage {sampler}")
-    q = samplers.draw(sampler, machine, low, high, 0, rows, rng, seed)
-    projected = batch.project(machine.chain, robot.anchor, q, machine.margin, progress)
-    machine.certifier().require(projected.q, machine.margin, progress)
-    return Pool(projected.q, batch.skeletons(machine.chain, projected.q), projected.how)
+    q = samplers.draw(sampler, robot, low, high, 0, rows, rng, seed)
+    projected = batch.project(robot.chain, robot.anchor, q, robot.margin, progress)
+    robot.certifier().require(projected.q, robot.margin, progress)
+    return Pool(projected.q, batch.skeletons(robot.chain, projected.q), projected.how)
 
 
 def measure(
@@ -126,7 +125,7 @@ def how_drawn(how: np.ndarray) -> dict[str, float]:
 
 
 def compare(
-    machine: Machine,
+    robot: Robot,
     humans: Mapping[str, np.ndarray],
     names: Iterable[str],
     sizes: Iterable[int],
@@ -167,16 +166,16 @@ def compare(
         raise ParameterError("there is no split to measure; give human skeletons")
     found = []
     for name in names:
-        pool = draw_pool(machine, name, sizes[-1], alpha, seed, progress)
+        pool = draw_pool(robot, name, sizes[-1], alpha, seed, progress)
         for size in sizes:
             about = {"sampler": name, "rows": size, "seed": seed} | how_drawn(pool.how[:size])
             x = np.concatenate([pool.x[:size], extra])
-            found += [about | row for row in measure(x, humans, machine.followed)]
+            found += [about | row for row in measure(x, humans, robot.followed)]
     return found
 
 
 def table(
-    machine: Machine,
+    robot: Robot,
     frames: Mapping[str, np.ndarray],
     pairs: np.ndarray,
     rows: int,
@@ -208,12 +207,12 @@ def table(
     none = {"rows": 0, "seed": seed, "feasible": 0.0, "fallback": 0.0, "pairs": len(pairs)}
     found = []
     for name in samplers.SAMPLERS:
-        pool = draw_pool(machine, name, rows, alpha, seed, progress)
+        pool = draw_pool(robot, name, rows, alpha, seed, progress)
         for k, x in ((0, pool.x), (len(pairs), np.concatenate([pool.x, pairs]))):
-            for row in measure(x, humans, machine.followed):
+            for row in measure(x, humans, robot.followed):
                 about = {"sampler": name, "rows": rows, "seed": seed} | how_drawn(pool.how)
                 found.append(row | about | {"pairs": k})
-    found += [row | none | {"sampler": "none"} for row in measure(pairs, humans, machine.followed)]
+    found += [row | none | {"sampler": "none"} for row in measure(pairs, humans, robot.followed)]
     order = ("split", "sampler", "rows", "pairs", "seed", "mean", "p90", "feasible", "fallback")
     return [{name: row[name] for name in order} | {"bar": _bar(row)} for row in found]
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s3le.machine import Machine
 from s3le.robot.certificate import Report
+from s3le.robot.robot import Robot
 from s3le.safety import audit, paths
 from s3le.safety.paths import CERTIFIED, COLLIDES
 from s3le.skeleton import cosine_distance
@@ -51,7 +51,7 @@ def score(
 
 
 def between(
-    machine: Machine, frames: Mapping[str, np.ndarray], q: np.ndarray, report: Report
+    robot: Robot, frames: Mapping[str, np.ndarray], q: np.ndarray, report: Report
 ) -> Between:
     """Look at the straight joint paths from each frame to the next.
 
@@ -67,16 +67,16 @@ def between(
     Raises:
         ParameterError: the robot's margin is 0, which leaves nothing for the paths.
     """
-    wanted = audit.demands(machine)
+    wanted = audit.demands(robot)
     next_of = (frames["clip"][1:] == frames["clip"][:-1]) & (np.diff(frames["frame"]) == 1)
     row = np.flatnonzero(next_of)
-    sound = (report.clearance >= machine.margin) & (report.limit_margin >= 0.0)  # NaN is not
-    free = paths.certify(machine, q, min(TOUCH, wanted.margin_between))
-    kept = paths.certify(machine, q, wanted.margin_between)
+    sound = (report.clearance >= robot.margin) & (report.limit_margin >= 0.0)  # NaN is not
+    free = paths.certify(robot, q, min(TOUCH, wanted.margin_between))
+    kept = paths.certify(robot, q, wanted.margin_between)
     # What the proof calls a collision, coal must see too.
     hit = row[free.status[row] == COLLIDES]
     t = free.t[hit][:, None]
-    seen = machine.certifier().check((1.0 - t) * q[hit] + t * q[hit + 1])
+    seen = robot.certifier().check((1.0 - t) * q[hit] + t * q[hit + 1])
     collides = np.zeros(len(next_of), bool)
     collides[hit] = seen.clearance < 0.0
     step = np.abs(np.diff(q, axis=0))  # (n - 1, n_dof)

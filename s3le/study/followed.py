@@ -12,9 +12,9 @@ import numpy as np
 
 from s3le.errors import BundleError, CertificateError
 from s3le.kernels import batch
-from s3le.machine import Machine
 from s3le.retarget.mode import Mode
 from s3le.retarget.stream import Retargeter
+from s3le.robot.robot import Robot
 from s3le.safety import audit
 from s3le.skeleton import cosine_distance
 from s3le.types import Progress
@@ -46,7 +46,7 @@ class _Given:
 
 
 def follow(
-    machine: Machine,
+    robot: Robot,
     retargeter: Retargeter,
     clips: np.ndarray,
     times: np.ndarray,
@@ -72,22 +72,22 @@ def follow(
         BundleError: the retargeter is one of another robot.
         CertificateError: a pose, path or speed does not hold by audit's independent check.
     """
-    if retargeter.machine.tag != machine.tag:
+    if retargeter.robot.tag != robot.tag:
         raise BundleError(
-            f"the retargeter is for robot '{retargeter.machine.tag}', the motions are for "
-            f"'{machine.tag}'; write it with: dvc repro export"
+            f"the retargeter is for robot '{retargeter.robot.tag}', the motions are for "
+            f"'{robot.tag}'; write it with: dvc repro export"
         )
     cuts = 1 + np.flatnonzero(clips[1:] != clips[:-1])
     wanted = audit.demands(
-        machine,
+        robot,
         margin_between=retargeter.settings.between,
-        velocity=dict(zip(machine.robot.joint_names, retargeter.speed.tolist(), strict=True)),
+        velocity=dict(zip(robot.joint_names, retargeter.speed.tolist(), strict=True)),
     )
     made = []
     for rows in np.split(np.arange(len(x)), cuts):
         walk = _refined if refine else _looked_up
         q, mode = walk(retargeter, x[rows], times[rows])
-        report = audit.audit(machine, times[rows], q, wanted)
+        report = audit.audit(robot, times[rows], q, wanted)
         if not report.holds:
             raise CertificateError(f"{clips[rows[0]]}: {report.complaint}")
         made.append((q, mode))
@@ -109,15 +109,15 @@ def _looked_up(
 ) -> tuple[np.ndarray, np.ndarray]:
     # A first time through for what the look-up is asked and finds: one call a frame.
     recorder = _Recorder(retargeter)
-    _refined(Retargeter(retargeter.machine, recorder, retargeter.settings), x, times)
+    _refined(Retargeter(retargeter.robot, recorder, retargeter.settings), x, times)
     # What was asked has been through the filter, so that there is none the second time.
     settings = replace(retargeter.settings, cutoff=0.0, delay=False)
-    machine, given = retargeter.machine, _Given()
-    stream = Retargeter(machine, given, settings).start()
+    robot, given = retargeter.robot, _Given()
+    stream = Retargeter(robot, given, settings).start()
     rows = []
     for asked, found, dt in zip(recorder.asked, recorder.found, _steps(times), strict=True):
-        shown = batch.skeletons(machine.chain, found)  # (k, 21)
-        nearest = int(np.argmin(cosine_distance(shown, asked[None], machine.followed)))
+        shown = batch.skeletons(robot.chain, found)  # (k, 21)
+        nearest = int(np.argmin(cosine_distance(shown, asked[None], robot.followed)))
         given.q = found[nearest]
         rows.append(stream.step(shown[nearest], dt))
     return np.array([row.q for row in rows]), _words(rows)

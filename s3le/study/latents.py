@@ -7,15 +7,15 @@ import numpy as np
 
 from s3le.human.splits import test_rows
 from s3le.learn import artifact
-from s3le.machine import Machine
 from s3le.report.spaces import Space
+from s3le.robot.robot import Robot
 from s3le.types import Columns
 
 POSES, FRAMES = 4000, 300  # points drawn at most, evenly out of what there is
 
 
 def spaces(
-    machine: Machine, frames: Columns, truth: Columns, poses: Columns, models: Mapping[str, Path]
+    robot: Robot, frames: Columns, truth: Columns, poses: Columns, models: Mapping[str, Path]
 ) -> list[Space]:
     """The latents of robot poses, test frames and their ground truth under each model.
 
@@ -41,7 +41,7 @@ def spaces(
     q = poses["q"][_evenly(len(poses["q"]), POSES)]
     found = []
     for method, path in models.items():
-        net, _ = artifact.load_model(path, method=method, robot_hash=machine.tag)
+        net, _ = artifact.load_model(path, method=method, robot_hash=robot.tag)
         stored = artifact.encode_q(net, q).astype(float)
         z_x = artifact.encode_x(net, human).astype(float)
         z_q = artifact.encode_q(net, truth["q"][shown]).astype(float)

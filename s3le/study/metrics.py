@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from s3le.learn.methods import ENTRIES, label
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 
 
 def merge(
-    machine: Machine,
+    robot: Robot,
     clips: str,
     counts: Mapping[str, Mapping[str, Any]],
     truth: Mapping[str, np.ndarray],
@@ -56,14 +56,14 @@ def merge(
         }
     tree = {
         "run": {
-            "robot": machine.robot.name,
+            "robot": robot.name,
             "clips": clips,
-            "n_dof": machine.robot.n_dof,
-            "pairs_watched": len(machine.watched),
-            "margin_mm": machine.margin * 1e3,
+            "n_dof": robot.n_dof,
+            "pairs_watched": len(robot.watched),
+            "margin_mm": robot.margin * 1e3,
             # What every cosine distance of this tree is a mean over.
-            "vectors": len(machine.vectors),
-            "vectors_are": "the seven" if machine.followed is None else ", ".join(machine.vectors),
+            "vectors": len(robot.vectors),
+            "vectors_are": "the seven" if robot.followed is None else ", ".join(robot.vectors),
         },
         "clips": counts["skeletons"]["clips"],
         "domain": counts["skeletons"]["domain"],

@@ -6,7 +6,7 @@ import numpy as np
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.show.strip import Row
 from s3le.show.style import colour
 from s3le.types import Columns
@@ -42,7 +42,7 @@ def choose(frames: Columns, clip: str, count: int) -> tuple[str, np.ndarray]:
 
 
 def strip(
-    machine: Machine,
+    robot: Robot,
     frames: Columns,
     rows: np.ndarray,
     truth: Columns,
@@ -69,8 +69,8 @@ def strip(
         found = at(table)
         return Row(
             label,
-            ends=batch.capsule_ends(machine.chain, table["q"][found]),
-            radius=machine.chain.body_radius,
+            ends=batch.capsule_ends(robot.chain, table["q"][found]),
+            radius=robot.chain.body_radius,
             marked=table["clearance"][found] < 0.0,
             note=[f"{distance:.3f}" for distance in distances[found]],
             colour=colour(key),

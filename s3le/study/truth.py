@@ -4,14 +4,14 @@ import numpy as np
 
 from s3le.human.splits import test_rows
 from s3le.kernels import batch
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.tuples import ik
 from s3le.tuples.certified import certificate
 from s3le.types import Columns, Progress
 
 
 def ground_truth(
-    machine: Machine,
+    robot: Robot,
     frames: Columns,
     starts: int,
     ridge: float,
@@ -25,9 +25,9 @@ def ground_truth(
         CertificateError: a pose is not feasible.
     """
     rows = test_rows(frames)
-    q, distance = ik.ground_truth(machine, frames["x"][rows], starts, ridge, rng, progress)
+    q, distance = ik.ground_truth(robot, frames["x"][rows], starts, ridge, rng, progress)
     return (
         {name: frames[name][rows] for name in ("split", "clip", "frame")}
-        | {"to_human": distance, "q": q, "x": batch.skeletons(machine.chain, q)}
-        | certificate(machine, q, progress)
+        | {"to_human": distance, "q": q, "x": batch.skeletons(robot.chain, q)}
+        | certificate(robot, q, progress)
     )

@@ -3,13 +3,13 @@
 import numpy as np
 
 from s3le.kernels import batch
-from s3le.machine import Machine
 from s3le.robot.certificate import Certifier
+from s3le.robot.robot import Robot
 from s3le.types import Columns, Progress
 
 
 def certificate(
-    machine: Machine,
+    robot: Robot,
     q: np.ndarray,
     progress: Progress | None = None,
     checker: Certifier | None = None,
@@ -25,20 +25,20 @@ def certificate(
     Raises:
         CertificateError: some pose is not feasible.
     """
-    report = (checker or machine.certifier()).require(q, machine.margin, progress)
+    report = (checker or robot.certifier()).require(q, robot.margin, progress)
     return {"clearance": report.clearance, "limit_margin": report.limit_margin}
 
 
 def projection_counts(
-    machine: Machine, q_relaxed: np.ndarray, projected: batch.Projection
+    robot: Robot, q_relaxed: np.ndarray, projected: batch.Projection
 ) -> dict[str, float | int]:
     """What Proj_Q did, in numbers that can be summed over batches.
 
     Rows by how they came about ("feasible", "solved", "fallback"), rows whose clipped pose
     collided, and how far the joints of those moved [rad], summed.
     """
-    clipped = np.clip(q_relaxed, machine.robot.lower, machine.robot.upper)
-    collided = batch.clearances(machine.chain, clipped) < machine.margin
+    clipped = np.clip(q_relaxed, robot.lower, robot.upper)
+    collided = batch.clearances(robot.chain, clipped) < robot.margin
     moved = np.linalg.norm(projected.q - clipped, axis=1)
     return {
         "rows": len(q_relaxed),

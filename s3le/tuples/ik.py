@@ -7,7 +7,7 @@ joint ranges, which settles what the seven vectors leave open (a straight arm's 
 import numpy as np
 
 from s3le.kernels import batch
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.skeleton import cosine_distance
 from s3le.types import Progress
 
@@ -15,7 +15,7 @@ TURN = 2.0 * np.pi
 
 
 def relaxed_poses(
-    machine: Machine, x: np.ndarray, ridge: float, progress: Progress | None = None
+    robot: Robot, x: np.ndarray, ridge: float, progress: Progress | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """q~ by inverse kinematics without joint limits and without collisions (Sec. IV-B).
 
@@ -31,20 +31,20 @@ def relaxed_poses(
     Returns:
         Pair (q, residual): q (n, n_dof) [rad]; residual (n,), mean cosine distance of FK(q) to x.
     """
-    middle = (machine.robot.lower + machine.robot.upper) / 2
-    starts = np.stack([middle, machine.robot.anchor])
+    middle = (robot.lower + robot.upper) / 2
+    starts = np.stack([middle, robot.anchor])
     found = batch.follow(
-        machine.chain,
+        robot.chain,
         x,
         np.broadcast_to(starts, (len(x), *starts.shape)),
         middle,
         ridge,
-        machine.margin,
+        robot.margin,
         False,
         progress,
     )
-    q = nearest_turn(found.q, machine.robot.lower, machine.robot.upper)
-    return q, cosine_distance(batch.skeletons(machine.chain, q), x, machine.followed)
+    q = nearest_turn(found.q, robot.lower, robot.upper)
+    return q, cosine_distance(batch.skeletons(robot.chain, q), x, robot.followed)
 
 
 def nearest_turn(q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -54,7 +54,7 @@ def nearest_turn(q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndar
 
 
 def ground_truth(
-    machine: Machine,
+    robot: Robot,
     x: np.ndarray,
     starts: int,
     ridge: float,
@@ -77,19 +77,18 @@ def ground_truth(
         Pair (q, distance): q (n, n_dof) [rad], feasible by the kernels; distance (n,), mean
         cosine distance of FK(q) to x.
     """
-    robot = machine.robot
-    relaxed, _ = relaxed_poses(machine, x, ridge)
-    first = batch.project(machine.chain, robot.anchor, relaxed, machine.margin).q
+    relaxed, _ = relaxed_poses(robot, x, ridge)
+    first = batch.project(robot.chain, robot.anchor, relaxed, robot.margin).q
     drawn = rng.uniform(robot.lower, robot.upper, (max(starts - 2, 0), robot.n_dof))
-    drawn = batch.project(machine.chain, robot.anchor, drawn, machine.margin).q
+    drawn = batch.project(robot.chain, robot.anchor, drawn, robot.margin).q
     common = np.concatenate([robot.anchor[None], drawn])
     all_starts = np.concatenate(
         [first[:, None], np.broadcast_to(common, (len(x), *common.shape))], axis=1
     )
     middle = (robot.lower + robot.upper) / 2
     found = batch.follow(
-        machine.chain, x, all_starts, middle, ridge, machine.margin, True, progress
+        robot.chain, x, all_starts, middle, ridge, robot.margin, True, progress
     )
     # A start is feasible itself, so a frame that no solve improved keeps its projected pose.
     q = np.where(found.feasible[:, None], found.q, first)
-    return q, cosine_distance(batch.skeletons(machine.chain, q), x, machine.followed)
+    return q, cosine_distance(batch.skeletons(robot.chain, q), x, robot.followed)

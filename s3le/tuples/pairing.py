@@ -4,7 +4,7 @@ import numpy as np
 
 from s3le.human.splits import train_rows
 from s3le.kernels import batch
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 from s3le.tuples import ik
 from s3le.tuples.certified import certificate, projection_counts, projection_summary
 from s3le.tuples.tables import HOW
@@ -12,7 +12,7 @@ from s3le.types import Columns, Progress
 
 
 def pair(
-    machine: Machine,
+    robot: Robot,
     frames: Columns,
     count: int,
     ridge: float,
@@ -36,17 +36,17 @@ def pair(
     """
     train = train_rows(frames, count)
     x = frames["x"][train]
-    q_relaxed, residual = ik.relaxed_poses(machine, x, ridge, progress)
-    projected = batch.project(machine.chain, machine.robot.anchor, q_relaxed, machine.margin)
+    q_relaxed, residual = ik.relaxed_poses(robot, x, ridge, progress)
+    projected = batch.project(robot.chain, robot.anchor, q_relaxed, robot.margin)
     columns = {
         "clip": frames["clip"][train],
         "frame": frames["frame"][train],
         "residual": residual,
         "x_relaxed": x,
-        "x_feasible": batch.skeletons(machine.chain, projected.q),
+        "x_feasible": batch.skeletons(robot.chain, projected.q),
         "q_relaxed": q_relaxed,
         "q_feasible": projected.q,
         "projection": np.array(HOW)[projected.how],
-    } | certificate(machine, projected.q, progress)
+    } | certificate(robot, projected.q, progress)
     counts = {"rows": len(x), "residual_mean": float(residual.mean())}
-    return columns, counts | projection_summary(projection_counts(machine, q_relaxed, projected))
+    return columns, counts | projection_summary(projection_counts(robot, q_relaxed, projected))

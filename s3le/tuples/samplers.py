@@ -20,8 +20,8 @@ import numpy as np
 from s3le import skeleton
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.machine import Machine
 from s3le.rng import stream
+from s3le.robot.robot import Robot
 
 # Draws that reject go on by whole blocks, so that what a row becomes does not hang on how many
 # rows were asked for. Large enough to feed the kernels, small enough to waste little on few rows.
@@ -50,7 +50,7 @@ MIRROR_ERROR = 0.02  # [-], about a degree: unit vectors of a robot whose arms a
 class Draw(NamedTuple):
     """What a sampler is asked for."""
 
-    machine: Machine
+    robot: Robot
     lower: np.ndarray  # of the box [rad], (n_dof,)
     upper: np.ndarray  # of the box [rad], (n_dof,)
     first: int  # number of the first row among the rows of all shards
@@ -75,7 +75,7 @@ class Limbs(NamedTuple):
 
 def draw(
     name: str,
-    machine: Machine,
+    robot: Robot,
     lower: np.ndarray,
     upper: np.ndarray,
     first: int,
@@ -110,21 +110,21 @@ def draw(
         if not value >= least:
             raise ParameterError(f"{what} must be at least {least}, got {value!r}")
     lower, upper = np.asarray(lower, float), np.asarray(upper, float)
-    wanted = (machine.robot.n_dof,)
+    wanted = (robot.n_dof,)
     if lower.shape != wanted or upper.shape != wanted:
         raise ParameterError(f"a box of {wanted} is wanted, got {lower.shape} and {upper.shape}")
     sound = np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)  # NaN compares False
     if not sound.all():
         j = int(np.argmin(sound))
         raise ParameterError(
-            f"joint {machine.robot.joint_names[j]} cannot be drawn from [{lower[j]}, {upper[j]}]"
+            f"joint {robot.joint_names[j]} cannot be drawn from [{lower[j]}, {upper[j]}]"
         )
-    return _SAMPLER[name](Draw(machine, lower, upper, first, count, rng, seed))
+    return _SAMPLER[name](Draw(robot, lower, upper, first, count, rng, seed))
 
 
-def limbs(machine: Machine) -> Limbs:
+def limbs(robot: Robot) -> Limbs:
     """Sort the joints by which hand they move."""
-    chain = machine.chain
+    chain = robot.chain
     moves = dict(zip(skeleton.POINTS, chain.moves[chain.point_frame], strict=False))
     right, left = moves["r_hand"], moves["l_hand"]
     return Limbs(right & ~left, left & ~right, right & left, ~right & ~left)
@@ -172,7 +172,7 @@ def _arms(ask: Draw) -> np.ndarray:
 
     What is left to the projection is then arm against arm. Uniform otherwise.
     """
-    limb = limbs(ask.machine)
+    limb = limbs(ask.robot)
     blocks = [_arms_block(ask, limb) for _ in range(0, ask.count, BLOCK)]
     return np.concatenate(blocks)[: ask.count]
 
@@ -185,8 +185,8 @@ def _human(ask: Draw) -> np.ndarray:
     For a share ALIKE of rows the left arm is then the right one's mirror image but for UNLIKE,
     if the robot's arms are mirror images at all. The trunk is that of `rest`.
     """
-    limb = limbs(ask.machine)
-    signs = mirror_signs(ask.machine, limb)
+    limb = limbs(ask.robot)
+    signs = mirror_signs(ask.robot, limb)
     blocks: list[_Block] = []
     kept = np.zeros(2, int)
     while kept.min() < ask.count:
@@ -212,7 +212,7 @@ _SAMPLER: dict[str, Callable[[Draw], np.ndarray]] = {
 SAMPLERS = tuple(_SAMPLER)
 
 
-def mirror_signs(machine: Machine, limb: Limbs) -> np.ndarray | None:
+def mirror_signs(robot: Robot, limb: Limbs) -> np.ndarray | None:
     """Signs that turn the right arm's angles into those of its mirror image on the left.
 
     Joints correspond in the order of the chain. Found by trying all signs on random arms at the
@@ -226,18 +226,17 @@ def mirror_signs(machine: Machine, limb: Limbs) -> np.ndarray | None:
     k = len(right)
     if len(left) != k or not 0 < k <= 10:
         return None
-    robot = machine.robot
     probes = 8  # two poses can hide a wrong sign, eight random ones do not
     rng = np.random.default_rng(0)  # any poses will do; the same each time
     one = np.tile(robot.anchor, (probes, 1))
     one[:, right] = rng.uniform(-1.0, 1.0, (probes, k))
     one[:, left] = rng.uniform(-1.0, 1.0, (probes, k))
-    want = skeleton.mirror(batch.skeletons(machine.chain, one))
+    want = skeleton.mirror(batch.skeletons(robot.chain, one))
     signs = np.array(list(product((1.0, -1.0), repeat=k)))  # (2^k, k)
     image = np.tile(one, (len(signs), 1, 1))  # (2^k, probes, n_dof)
     image[:, :, left] = signs[:, None] * one[:, right]
     image[:, :, right] = signs[:, None] * one[:, left]
-    found = batch.skeletons(machine.chain, image.reshape(-1, robot.n_dof))
+    found = batch.skeletons(robot.chain, image.reshape(-1, robot.n_dof))
     error = np.abs(found.reshape(len(signs), probes, -1) - want).max(axis=(1, 2))
     best = int(np.argmin(error))
     return signs[best] if error[best] <= MIRROR_ERROR else None
@@ -259,8 +258,8 @@ def _human_block(ask: Draw, limb: Limbs) -> _Block:
     alike = ask.rng.random(BLOCK) < ALIKE
     unlike = ask.rng.normal(0.0, UNLIKE, (BLOCK, max(limb.right.sum(), limb.left.sum())))
     q = ask.spread(_beta(share))
-    q[:, limb.trunk] = ask.machine.robot.anchor[limb.trunk]
-    bones = batch.skeletons(ask.machine.chain, q).reshape(BLOCK, len(skeleton.BONES), 3)
+    q[:, limb.trunk] = ask.robot.anchor[limb.trunk]
+    bones = batch.skeletons(ask.robot.chain, q).reshape(BLOCK, len(skeleton.BONES), 3)
     arms = []
     for side, (bone, joints) in enumerate((("r", limb.right), ("l", limb.left))):
         up = bones[:, skeleton.BONES.index(f"{bone}_shoulder_to_elbow"), 2]
@@ -271,16 +270,16 @@ def _human_block(ask: Draw, limb: Limbs) -> _Block:
 
 
 def _arms_block(ask: Draw, limb: Limbs) -> np.ndarray:
-    machine = ask.machine
+    robot = ask.robot
     q = ask.rng.uniform(ask.lower, ask.upper, (BLOCK, len(ask.lower)))
     for own, foreign in ((limb.right, limb.left), (limb.left, limb.right)):
-        alone = _arm_alone(machine, own, foreign)
+        alone = _arm_alone(robot, own, foreign)
         if not len(alone.pair):
             continue
         again = np.arange(BLOCK)
         for _ in range(TRIES):
-            at = np.clip(q[again], machine.robot.lower, machine.robot.upper)
-            again = again[~(batch.clearances(alone, at) >= machine.margin)]
+            at = np.clip(q[again], robot.lower, robot.upper)
+            again = again[~(batch.clearances(alone, at) >= robot.margin)]
             if not len(again):
                 break
             redrawn = ask.rng.uniform(ask.lower[own], ask.upper[own], (len(again), own.sum()))
@@ -288,9 +287,9 @@ def _arms_block(ask: Draw, limb: Limbs) -> np.ndarray:
     return q
 
 
-def _arm_alone(machine: Machine, own: np.ndarray, foreign: np.ndarray):
+def _arm_alone(robot: Robot, own: np.ndarray, foreign: np.ndarray):
     """The robot's chain with those watched pairs only that one arm has a part in, not the other."""
-    chain = machine.chain
+    chain = robot.chain
     moved = chain.moves[chain.body_frame]  # (bodies, n_dof)
     mine, others = (moved[:, joints].any(axis=1)[chain.pair] for joints in (own, foreign))
     pair = chain.pair[mine.any(axis=1) & ~others.any(axis=1)]
@@ -302,8 +301,8 @@ def _upright(ask: Draw, share: np.ndarray, q: np.ndarray) -> np.ndarray:
 
     Logistic and not normal: its inverse is elementary, and its heavier tails keep bent trunks in.
     """
-    trunk = limbs(ask.machine).trunk
-    centre, scale = ask.machine.robot.anchor[trunk], TRUNK_SPREAD * math.sqrt(3.0) / math.pi
+    trunk = limbs(ask.robot).trunk
+    centre, scale = ask.robot.anchor[trunk], TRUNK_SPREAD * math.sqrt(3.0) / math.pi
     low, high = (
         1.0 / (1.0 + np.exp((centre - end[trunk]) / scale)) for end in (ask.lower, ask.upper)
     )

@@ -12,7 +12,7 @@ import numpy as np
 from s3le.errors import ParameterError, RobotError
 from s3le.kernels import batch
 from s3le.kernels.batch import Projection
-from s3le.machine import Machine
+from s3le.robot.robot import Robot
 
 BLOCK = 4096  # poses drawn at a time by rejection; a constant, so that fewer rows are a prefix
 Project = Callable[[np.ndarray], Projection]
@@ -76,18 +76,17 @@ def mixup(
     return mixed
 
 
-def projector(machine: Machine, device: str) -> Project:
+def projector(robot: Robot, device: str) -> Project:
     """Proj_Q for whole batches: on the processors ("cpu"), or on a GPU ("cuda").
 
     Raises:
         ParameterError: there is no such device.
     """
-    robot = machine.robot
     if device == "cpu":
-        return lambda q: batch.project(machine.chain, robot.anchor, q, machine.margin)
+        return lambda q: batch.project(robot.chain, robot.anchor, q, robot.margin)
     from s3le.gpu import batch as on_gpu  # torch takes seconds to import
 
-    return lambda q: on_gpu.project(machine.chain, robot.anchor, q, machine.margin, device)
+    return lambda q: on_gpu.project(robot.chain, robot.anchor, q, robot.margin, device)
 
 
 def device_name(device: str) -> str:
@@ -104,7 +103,7 @@ def device_name(device: str) -> str:
 
 
 def tuples(
-    machine: Machine, q_relaxed: np.ndarray, mix: np.ndarray, renormalise: bool, project: Project
+    robot: Robot, q_relaxed: np.ndarray, mix: np.ndarray, renormalise: bool, project: Project
 ) -> Tuples:
     """Complete relaxed poses to tuples: project them, read skeletons, mix (Sec. IV-C).
 
@@ -116,14 +115,14 @@ def tuples(
         project: see projector.
     """
     projected = project(q_relaxed)
-    x_relaxed = batch.skeletons(machine.chain, q_relaxed)
-    x_feasible = batch.skeletons(machine.chain, projected.q)
+    x_relaxed = batch.skeletons(robot.chain, q_relaxed)
+    x_feasible = batch.skeletons(robot.chain, projected.q)
     x_mixed = mixup(x_relaxed, x_feasible, mix, renormalise)
     return Tuples(q_relaxed, x_relaxed, projected.q, x_feasible, mix, x_mixed, projected.how)
 
 
 def draw_feasible(
-    machine: Machine, count: int, rng: np.random.Generator
+    robot: Robot, count: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, int, int]:
     """Feasible poses, uniform over the feasible part of the joint box, by rejection.
 
@@ -136,12 +135,11 @@ def draw_feasible(
     Raises:
         RobotError: fewer than one pose in 10,000 is feasible, so that sampling would not end.
     """
-    robot = machine.robot
     kept: list[np.ndarray] = []
     have = drawn = 0
     while have < count:
         q = rng.uniform(robot.lower, robot.upper, (BLOCK, robot.n_dof))
-        good = q[batch.clearances(machine.chain, q) >= machine.margin]
+        good = q[batch.clearances(robot.chain, q) >= robot.margin]
         kept.append(good)
         drawn += len(q)
         have += len(good)

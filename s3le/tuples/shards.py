@@ -12,10 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from s3le import machine, rng
+from s3le import rng
 from s3le.kernels import batch
-from s3le.machine import Machine
 from s3le.robot.certificate import Certifier
+from s3le.robot.robot import Files, Robot
 from s3le.store import tables
 from s3le.tuples import samplers, sampling
 from s3le.tuples.certified import certificate, projection_counts
@@ -23,14 +23,13 @@ from s3le.tuples.engine.task import Job, Made
 from s3le.tuples.tables import HOW, kinematic_pairs, robot_poses
 
 DEVICES = ("cpu", "cuda")
-Files = tuple[tuple[str, bytes], ...]  # of a robot's folder, as machine.carried gives them
 
 
 @cache
-def _opened(files: Files) -> tuple[Machine, Certifier]:
+def _opened(files: Files) -> tuple[Robot, Certifier]:
     """The robot and its checker, read once in a process."""
-    with machine.unpacked(files) as made:
-        return made, made.certifier()
+    made = Robot.from_bytes(files)
+    return made, made.certifier()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +86,7 @@ class TupleShards(_Shards):
             CertificateError: a projected pose is not feasible by the independent check.
         """
         it, checker = _opened(self.files)
-        low, high = sampling.relaxed_limits(it.robot.lower, it.robot.upper, self.alpha)
+        low, high = sampling.relaxed_limits(it.lower, it.upper, self.alpha)
         stream = rng.stream(self.seed, self.stage, job.number)
         first = job.number * self.shard_rows
         q_relaxed = samplers.draw(
@@ -106,7 +105,7 @@ class TupleShards(_Shards):
             "q_feasible": drawn.q_feasible,
             "projection": np.array(HOW)[drawn.how],
         } | certificate(it, drawn.q_feasible, checker=checker)
-        table = kinematic_pairs(it.robot.n_dof, it.margin)
+        table = kinematic_pairs(it.n_dof, it.margin)
         counts = projection_counts(it, q_relaxed, batch.Projection(drawn.q_feasible, drawn.how))
         return Made(job, tables.encode(columns, table, it.tag), counts)
 
@@ -133,5 +132,5 @@ class PoseShards(_Shards):
             "q": q,
             "x": batch.skeletons(it.chain, q),
         } | certificate(it, q, checker=checker)
-        data = tables.encode(columns, robot_poses(it.robot.n_dof, it.margin), it.tag)
+        data = tables.encode(columns, robot_poses(it.n_dof, it.margin), it.tag)
         return Made(job, data, {"rows": job.rows, "accepted": accepted, "drawn": drawn})

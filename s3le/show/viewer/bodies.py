@@ -8,7 +8,7 @@ import trimesh
 import viser
 
 from s3le.errors import RobotError
-from s3le.robot.model import Robot
+from s3le.robot.model import Geometry
 from s3le.robot.posing import Nearness, Poser
 from s3le.show import motions
 from s3le.show.human import Size, stand, stick_figures
@@ -51,7 +51,7 @@ class Looks(NamedTuple):
     note: str  # why there are none
 
 
-def looks_of(robot: Robot, file: Path | None = None) -> Looks:
+def looks_of(robot: Geometry, file: Path | None = None) -> Looks:
     """The meshes of a robot.
 
     Args:
@@ -86,10 +86,10 @@ class RobotNodes:
             place: where its base frame stands [m], (3,).
             looks: its meshes.
         """
-        robot = shown.machine.robot
+        robot = shown.robot
         self.shown, self.place, self.note = shown, place, looks.note
         self._poser = Poser(robot)
-        self._near = Nearness(robot, shown.machine.watched)
+        self._near = Nearness(robot, shown.robot.watched)
         scene = server.scene
         self.root = scene.add_frame(name, show_axes=False, position=place)
         self._frames = [
@@ -145,9 +145,9 @@ class RobotNodes:
         tinted: tuple[int, ...] = ()
         if closest:
             found = self._near.closest(q)
-            tinted = tuple(int(i) for i in self.shown.machine.watched[found.pair])
+            tinted = tuple(int(i) for i in self.shown.robot.watched[found.pair])
             self.clearance = found.clearance
-            self.pair = self.shown.machine.pair_name(found.pair)
+            self.pair = self.shown.robot.pair_name(found.pair)
             self._line.points = found.points[None].astype(np.float32)
             self._distance.position = found.points.mean(axis=0) + [0.0, 0.0, 0.03]
             self._distance.text = f"{found.clearance * 1e3:.1f} mm"

@@ -77,12 +77,12 @@ class Page:
             FilmError: the address cannot be listened on.
             RobotError: `meshes` cannot be read.
         """
-        self._looks = [looks_of(m.machine.robot, meshes) for m in motions]
+        self._looks = [looks_of(m.robot, meshes) for m in motions]
         self.motions, self.human, self.player = motions, human, Player(times)
         self._q = [motions.poses(m, times) for m in motions]
         self._kind = [pace.kinds(m, times) for m in motions]
         self._clearance = [
-            batch.clearances(m.machine.chain, q, progress)
+            batch.clearances(m.robot.chain, q, progress)
             for m, q in zip(motions, self._q, strict=True)
         ]
         port = free_port(host, port)
@@ -123,8 +123,8 @@ class Page:
         scene.set_up_direction("+z")
         scene.configure_default_lights(cast_shadow=False)  # dear where there is no GPU
         floors = [
-            (batch.capsule_ends(m.machine.chain, q[:1])[0][..., 2].min(axis=1)
-             - m.machine.chain.body_radius).min()
+            (batch.capsule_ends(m.robot.chain, q[:1])[0][..., 2].min(axis=1)
+             - m.robot.chain.body_radius).min()
             for m, q in zip(self.motions, self._q, strict=True)
         ]  # fmt: skip
         figures = len(self.motions) + (self.human is not None)
@@ -166,14 +166,14 @@ class Page:
 
     def _hip(self, robot: int, index: int) -> np.ndarray:
         """The hip point in the robot's frame [m], (3,)."""
-        chain = self.motions[robot].machine.chain
+        chain = self.motions[robot].robot.chain
         return batch.points(chain, self._q[robot][index : index + 1])[0, 0]
 
     def _size(self, robot: int) -> Size:
         """The robot's own segments [m], the mean of left and right."""
-        machine = self.motions[robot].machine
-        points = batch.points(machine.chain, machine.robot.anchor[None])
-        length = np.linalg.norm(bone_vectors(points, machine.neck)[0], axis=1)
+        robot = self.motions[robot].robot
+        points = batch.points(robot.chain, robot.anchor[None])
+        length = np.linalg.norm(bone_vectors(points, robot.neck)[0], axis=1)
         return Size(float(length[0]), *(float(length[1:4][k] + length[4:7][k]) / 2
                                         for k in range(3)))  # fmt: skip
 
@@ -216,7 +216,7 @@ class Page:
         )  # fmt: skip
         n = len(self.motions)
         self._cursor = gui.add_html(timeline.cursor(0.0, n))
-        margins = [m.machine.margin for m in self.motions]
+        margins = [m.robot.margin for m in self.motions]
         colours = [COLOURS[i % len(COLOURS)] for i in range(n)]
         gui.add_html(timeline.picture(self._kind, self._clearance, colours, margins))
         self._words = gui.add_html("")
