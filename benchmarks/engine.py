@@ -55,7 +55,6 @@ def main(
     alpha: Annotated[float, typer.Option(help="relaxation of the joint ranges [-]")] = 0.2,
     robot: Annotated[Path, typer.Option(help="robot file")] = Path("data/robots/coman.yaml"),
     margin: Annotated[float, typer.Option(help="clearance to keep [m]")] = 0.002,
-    device: Annotated[str, typer.Option(help="cpu or cuda")] = "cpu",
     folder: Annotated[Path | None, typer.Option(help="where; a temporary one if none")] = None,
     keep: Annotated[bool, typer.Option(help="leave the table there")] = False,
 ) -> None:
@@ -66,7 +65,6 @@ def main(
         files=Robot.read(folder / "robot").to_bytes(),
         seed=7,
         shard_rows=shard_rows,
-        device=device,
         sampler=sampler,
         alpha=alpha,
         renormalise_mix=False,

@@ -73,7 +73,7 @@ def main(
         show(cost)
         throughput(TupleShards(
             files=Robot.read(place).to_bytes(), alpha=alpha, renormalise_mix=False, seed=0,
-            shard_rows=SHARD, device="cpu", sampler="uniform",
+            shard_rows=SHARD, sampler="uniform",
         ), rows, Path(folder))  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from s3le.store import documents
 from s3le.tuples.certified import projection_summary
 from s3le.tuples.engine import run
 from s3le.tuples.samplers import SAMPLERS
-from s3le.tuples.shards import DEVICES, TupleShards
+from s3le.tuples.shards import TupleShards
 
 ROBOT = Path("data/robot")
 OUT = Path("data/kinematic_pairs")
@@ -25,7 +25,6 @@ class Params:
     alpha: float = knob("joint-limit relaxation [-]", at_least=0, at_most=10, shared=True)
     seed: int = knob("root of every random stream", at_least=0, shared=True)
     shard_rows: int = knob("rows of a shard", at_least=1, at_most=10_000_000, shared=True)
-    device: str = knob("what projects", one_of=DEVICES, shared=True)
     executor: str = knob("who makes the shards", one_of=run.EXECUTORS, shared=True)
     workers: int = knob("local processes; 0: all", at_least=0, at_most=10_000, shared=True)
     ray_address: str = knob("of a Ray cluster", shared=True)
@@ -44,7 +43,6 @@ def main() -> None:
         renormalise_mix=params.renormalise_mix,
         seed=params.seed,
         shard_rows=params.shard_rows,
-        device=params.device,
     )
     where = run.Where(
         executor=params.executor,

@@ -90,7 +90,7 @@ def test_a_machine_that_is_lost_in_mid_run_costs_no_row(cluster, tmp_path):
     """Real tuples; one of the two machines is unplugged as soon as the first shard is there."""
     coman().write(tmp_path / "robot")
     task = TupleShards(
-        files=Robot.read(tmp_path / "robot").to_bytes(), seed=7, shard_rows=500, device="cpu",
+        files=Robot.read(tmp_path / "robot").to_bytes(), seed=7, shard_rows=500,
         sampler="uniform", alpha=0.2, renormalise_mix=False,
     )  # fmt: skip
 

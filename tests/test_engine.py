@@ -215,7 +215,7 @@ def test_the_key_covers_parameters_and_all_that_rows_are_computed_with(monkeypat
     others = [key.key(Toy(seed=2), own), key.key(Toy(shard_rows=11), own)]
     others += [key.key(Toy(), own | {name: "another"}) for name in own]
     assert len({base, *others}) == 1 + len(others)
-    assert {"code", "processor", "device", "precision", "libc", "numba", "coal"} <= own.keys()
+    assert {"code", "processor", "precision", "libc", "numba", "coal"} <= own.keys()
 
 
 def test_one_edited_line_of_projection_code_is_another_key(tmp_path, monkeypatch):

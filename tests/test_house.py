@@ -25,7 +25,6 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "scipy": ("s3le/onboard/",),
     "numba": ("s3le/kernels/", "s3le/safety/", "s3le/search/", "s3le/retarget/"),
     "torch": (
-        "s3le/gpu/",
         *(
             f"s3le/learn/{file}.py"
             for file in ("models", "losses", "batches", "training", "artifact")
@@ -58,7 +57,6 @@ APART = [
     ("s3le/kernels/", {"torch", "matplotlib"}),
     ("s3le/safety/", {"torch", "matplotlib"}),
     ("s3le/search/", {"torch", "polars", "matplotlib"}),
-    ("s3le/gpu/", {"polars", "pyarrow", "matplotlib", "safetensors"}),
     ("s3le/human/", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
     ("s3le/report/", {"torch", "numba", "pinocchio", "coal"}),
     ("s3le/tuples/", {"torch", "matplotlib"}),

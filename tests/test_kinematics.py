@@ -1,6 +1,8 @@
 """The kernels' kinematics against pinocchio, the skeleton's definition, algebra and differences."""
 
+import shutil
 import tempfile
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -186,7 +188,8 @@ def test_any_two_joints_put_the_hand_where_pinocchio_does(first, second, q):
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         robot = load(write_arms(Path(folder), urdf=urdf))
-        made = Robot(robot, tuple(all_pairs(robot)), 0.0, "midpoint")
+        own = {field.name: getattr(robot, field.name) for field in fields(robot)}
+        made = Robot(**own, pairs=tuple(all_pairs(robot)), margin=0.0, neck="midpoint")
         theirs = certificate.point_positions(robot, np.array(q))
     ours = batch.points(made.chain, np.array([q]))[0]
     for role, where in zip(robot.points, theirs, strict=True):
@@ -220,9 +223,14 @@ def test_no_poses_are_no_skeletons():
 def test_stored_machine_code_is_keyed_by_the_text_of_every_kernel(tmp_path, monkeypatch):
     where = batch._project.stats.cache_path
     assert Path(where).name == f"kernels-{compiled.key()}"  # wherever the project lies
-    for file in compiled._HERE.glob("*.py"):
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    monkeypatch.setattr(compiled, "_HERE", tmp_path)
+    for room in compiled._ROOMS:
+        shutil.copytree(compiled._HERE.parent / room, tmp_path / room)
+    monkeypatch.setattr(compiled, "_HERE", tmp_path / "kernels")
     assert compiled.key() in where
-    (tmp_path / "solver.py").write_text((tmp_path / "solver.py").read_text() + "# edited\n")
-    assert compiled.key() not in where
+    for edited_file in ("kernels/solver.py", "safety/segment.py", "retarget/guard.py"):
+        text = (tmp_path / edited_file).read_text()
+        (tmp_path / edited_file).write_text(text + "# edited\n")
+        assert compiled.key() not in where
+        (tmp_path / edited_file).write_text(text)
+    (tmp_path / "retarget" / "live.py").write_text("")  # holds nothing that is compiled
+    assert compiled.key() in where

@@ -94,7 +94,7 @@ def tuples(made, n, seed, alpha=0.2, renormalise=False):
     low, high = relaxed_limits(made.lower, made.upper, alpha)
     q = stream(seed).uniform(low, high, (n, made.n_dof))
     mix = stream(seed + 100).uniform(size=n)
-    return sampling.tuples(made, q, mix, renormalise, sampling.projector(made, "cpu"))
+    return sampling.tuples(made, q, mix, renormalise, sampling.projector(made))
 
 
 @pytest.mark.parametrize("renormalise", [False, True])

@@ -32,7 +32,7 @@ def files(tmp_path_factory):
 
 def tuple_task(files, **other):
     given = {
-        "alpha": 0.2, "renormalise_mix": False, "seed": 7, "shard_rows": 300, "device": "cpu",
+        "alpha": 0.2, "renormalise_mix": False, "seed": 7, "shard_rows": 300,
         "sampler": "uniform",
     }  # fmt: skip
     return TupleShards(files=files, **given | other)
@@ -126,7 +126,7 @@ def test_shards_of_every_sampler_are_certified_and_a_prefix_is_a_prefix(files, s
 @pytest.mark.parametrize(
     "other",
     [{"alpha": 0.3}, {"renormalise_mix": True}, {"seed": 8}, {"shard_rows": 301},
-     {"device": "cuda"}, {"sampler": "rest"}],
+     {"sampler": "rest"}],
     ids=str,
 )  # fmt: skip
 def test_each_parameter_is_another_key(files, other):
@@ -238,14 +238,7 @@ def test_a_relaxation_that_is_none_is_refused(files, alpha):
 
 
 def test_a_robot_folder_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(RobotError, match="write it with: dvc repro robot"):
-        Robot.read(tmp_path).to_bytes()
-
-
-def test_a_device_that_is_not_there_is_refused(files):
-    task = tuple_task(files, device="cuda:99")
-    with pytest.raises(ParameterError, match="cuda:99"):
-        task.computes_on()
-    with pytest.raises(ParameterError, match="cuda:99"):
-        task.make(Job(0, 5))
-    assert tuple_task(files).computes_on() == "cpu"
+    with pytest.raises(TableError, match="write it with: dvc repro robot"):
+        Robot.read(tmp_path)
+    with pytest.raises(RobotError, match="not whole"):
+        Robot.from_bytes(coman().to_bytes()[1:])

@@ -29,9 +29,6 @@ class Toy:
     def about(self):
         return {"table": self.table, "seed": self.seed, "shard_rows": self.shard_rows}
 
-    def computes_on(self):
-        return "cpu"
-
     def note(self):
         return {"table": self.table, "robot": "none"}
 

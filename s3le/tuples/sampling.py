@@ -76,30 +76,9 @@ def mixup(
     return mixed
 
 
-def projector(robot: Robot, device: str) -> Project:
-    """Proj_Q for whole batches: on the processors ("cpu"), or on a GPU ("cuda").
-
-    Raises:
-        ParameterError: there is no such device.
-    """
-    if device == "cpu":
-        return lambda q: batch.project(robot.chain, robot.anchor, q, robot.margin)
-    from s3le.gpu import batch as on_gpu  # torch takes seconds to import
-
-    return lambda q: on_gpu.project(robot.chain, robot.anchor, q, robot.margin, device)
-
-
-def device_name(device: str) -> str:
-    """What the device is called on this machine: "cpu", or the GPU's name.
-
-    Raises:
-        ParameterError: there is no such device.
-    """
-    if device == "cpu":
-        return device
-    from s3le.gpu import chain as on_gpu
-
-    return on_gpu.name_of(device)
+def projector(robot: Robot) -> Project:
+    """Proj_Q for whole batches."""
+    return lambda q: batch.project(robot.chain, robot.anchor, q, robot.margin)
 
 
 def tuples(

@@ -22,8 +22,6 @@ from s3le.tuples.certified import certificate, projection_counts
 from s3le.tuples.engine.task import Job, Made
 from s3le.tuples.tables import HOW, kinematic_pairs, robot_poses
 
-DEVICES = ("cpu", "cuda")
-
 
 @cache
 def _opened(files: Files) -> tuple[Robot, Certifier]:
@@ -49,10 +47,6 @@ class _Shards:
         robot = {name: hashlib.sha256(data).hexdigest() for name, data in self.files}
         return {"table": self.table, "robot": robot} | parameters
 
-    def computes_on(self) -> str:
-        """The processors, as long as nothing else is asked for."""
-        return "cpu"
-
     def note(self) -> Mapping[str, Any]:
         """What the manifest says; nothing in it changes where the rows do not."""
         made, _ = _opened(self.files)
@@ -70,14 +64,9 @@ class TupleShards(_Shards):
 
     table: ClassVar[str] = "kinematic_pairs"
     stage: ClassVar[str] = "sample"
-    device: str  # DEVICES, what projects
     sampler: str  # samplers.SAMPLERS
     alpha: float  # relaxation of the joint ranges [-]
     renormalise_mix: bool  # give the bones of x' unit length
-
-    def computes_on(self) -> str:
-        """The device that projects."""
-        return sampling.device_name(self.device)
 
     def make(self, job: Job) -> Made:
         """Draw relaxed poses, project them, certify, mix; see engine.task.
@@ -93,7 +82,7 @@ class TupleShards(_Shards):
             self.sampler, it, low, high, first, job.rows, stream, self.seed
         )
         mix = rng.stream(self.seed, "mix", job.number).uniform(0.0, 1.0, job.rows)
-        project = sampling.projector(it, self.device)
+        project = sampling.projector(it)
         drawn = sampling.tuples(it, q_relaxed, mix, self.renormalise_mix, project)
         columns = {
             "row": self._rows(job),

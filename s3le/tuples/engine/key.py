@@ -1,7 +1,7 @@
 """The key of a shard store: one hash of everything that can change a row.
 
 Parameters, robot and seed come from the task; added here are the bytes of the code that makes the
-rows, the versions of the numeric libraries, the processor and the device. It covers too much
+rows, the versions of the numeric libraries and the processor. It covers too much
 rather than too little: the price of that is making rows again, the price of less is stale rows.
 """
 
@@ -61,7 +61,7 @@ def closure(module: str, root: Path = ROOT) -> set[Path]:
 
 
 def fingerprint(task: Task) -> dict[str, str]:
-    """What this process makes a task's rows with: code, libraries, processor, device.
+    """What this process makes a task's rows with: code, libraries, processor.
 
     Two processes with the same fingerprint give the same bytes for the same task.
     """
@@ -74,7 +74,6 @@ def fingerprint(task: Task) -> dict[str, str]:
         "python": platform.python_version(),
         "libc": "-".join(platform.libc_ver()),
         "processor": processor(),
-        "device": task.computes_on(),
         "precision": "float64",
     } | versions
 

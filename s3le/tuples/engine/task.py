@@ -34,9 +34,6 @@ class Task(Protocol):
     def about(self) -> Mapping[str, Any]:
         """Everything but code and machine that can change a row, as JSON."""
 
-    def computes_on(self) -> str:
-        """What this process would compute it on: "cpu", or what its GPU is called."""
-
     def make(self, job: Job) -> Made:
         """Make one shard; depends on nothing but self and job.
 

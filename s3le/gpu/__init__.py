@@ -1,1 +1,0 @@
-"""Batched kinematics, distances and projection in torch: the kernels' counterpart for GPUs."""
