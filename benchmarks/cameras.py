@@ -19,11 +19,10 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import typer
 
-from s3le import following
 from s3le.errors import ParameterError
-from s3le.following import Follower
 from s3le.human.skeletons import read_frames
 from s3le.kernels import batch
+from s3le.retarget.stream import Retargeter
 from s3le.skeleton import cosine_distance
 from s3le.video import convert, process
 from s3le.video.convert import Choices
@@ -50,14 +49,14 @@ def main(
     if len(videos) < 2:
         raise ParameterError(f"{folder}: {len(videos)} videos, at least two are compared")
     known = _tilts(tilts)
-    follower = following.load(model)
+    retargeter = Retargeter.load(model)
     sides = []
     for path in videos:
         with process.Process(process.interpreter()) as estimator:
             looked = convert.look(path, estimator)
         pitch, roll = known.get(path.name, (None, 0.0))
         made = convert.skeletons(looked, Choices(pitch=pitch, roll=roll, visibility=visibility))
-        sides.append(_side(path, made, follower))
+        sides.append(_side(path, made, retargeter))
         about = made.about
         print(
             f"{path.name}: {about['rows_by_status']}, camera down {about['choices']['pitch']:.1f} "
@@ -80,14 +79,14 @@ def _tilts(path: Path | None) -> dict[str, tuple[float | None, float]]:
     }
 
 
-def _side(path: Path, made: convert.Skeletons, follower: Follower) -> Side:
+def _side(path: Path, made: convert.Skeletons, retargeter: Retargeter) -> Side:
     with tempfile.TemporaryDirectory() as scratch:
         clip = Path(scratch) / f"{path.stem}.parquet"
         convert.write(made, clip)
-        frames = read_frames(clip, follower.robot.neck)
-    done = clip.convert(follower, frames).trajectory
+        frames = read_frames(clip, retargeter.robot.neck)
+    done = clip.convert(retargeter, frames).motion
     rows = np.searchsorted(done.time, frames.time - 1e-6)
-    robot = batch.skeletons(follower.robot.chain, done.q[rows])
+    robot = batch.skeletons(retargeter.robot.chain, done.q[rows])
     return Side(path.name, frames.frame, frames.x, robot, made.about)
 
 

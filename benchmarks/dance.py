@@ -22,7 +22,7 @@ from tuple_cost import one_core
 from s3le.human.skeletons import ClipFrames, read_frames
 from s3le.kernels import batch
 from s3le.retarget import Retargeter
-from s3le.retarget.mode import Mode
+from s3le.retarget.stream import Mode
 from s3le.robot.hulls import HullCheck
 from s3le.skeleton import cosine_distance
 

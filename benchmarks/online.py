@@ -12,6 +12,7 @@ proof. Nothing is asserted; times are those of this machine.
 """
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -28,8 +29,7 @@ from s3le.human.tables import SKELETONS
 from s3le.kernels import batch
 from s3le.report import records
 from s3le.retarget import guard, propose
-from s3le.retarget.mode import Mode
-from s3le.retarget.stream import Retargeter
+from s3le.retarget.stream import Mode, Retargeter
 from s3le.safety import segment
 from s3le.search import neighbours
 from s3le.store import documents, tables
@@ -47,7 +47,7 @@ def main(
     record: Annotated[bool, typer.Option("--record", help=f"write {RECORD} too")] = False,
 ) -> None:
     """Print the table."""
-    it = folder.load(folder, {"check": check})
+    it = Retargeter.load(folder, {"check": check})
     if skeleton:
         it = by_skeleton(it)
     table = tables.read(SKELETONS, skeletons)
@@ -62,7 +62,7 @@ def main(
     with one_core():
         for name, work in parts(it, x).items():
             rows.append(say(name, times(work, min(frames, 2000))))
-        stream, modes, far, free = it.start(), np.zeros(len(Mode), int), [], []
+        stream, modes, far, free = it.start(), Counter(), [], []
 
         def step(i: int) -> None:
             if i % len(x) == 0:
@@ -75,7 +75,7 @@ def main(
         rows.append(say(f"whole, {frames} frames", times(step, frames)) | {"part": "whole"})
         alone = times(looked_up(it, x), min(frames, 2000))
         rows.append(say("look-up and certificate alone", alone))
-    shares = {mode.name.lower(): modes[mode] / modes.sum() for mode in Mode if modes[mode]}
+    shares = {str(mode): modes[mode] / modes.total() for mode in Mode if modes[mode]}
     print("\n" + ", ".join(f"{name} {share:.1%}" for name, share in shares.items()))
     print(f"mean cosine distance to the human: wanted {np.nanmean(free):.4f}, ", end="")
     print(f"after the guard {np.nanmean(far):.4f}")

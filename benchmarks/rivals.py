@@ -26,6 +26,7 @@ from engines import spec_of  # noqa: E402
 from s3le.human.skeletons import read_frames
 from s3le.kernels import batch  # noqa: E402
 from s3le.retarget import Retargeter  # noqa: E402
+from s3le.retarget.follow import follow  # noqa: E402
 from s3le.robot.robot import Robot  # noqa: E402
 from s3le.safety import paths  # noqa: E402
 from s3le.skeleton import cosine_distance  # noqa: E402
@@ -75,21 +76,13 @@ def main(
     with one_core():
         ours = _ours(it, x, times)
         _say(it, ours, x, times)
-        began = time.perf_counter()
-        it.batch(x, times)
-        each = (time.perf_counter() - began) / len(x)
-        print(f"{'the same, as a batch':34}{each * 1e6:11.0f}")
         for name, solve in _rivals(robot, 1.0 / rate, it.speed):
             _say(it, _follow(name, solve, robot, x, ours.q[0]), x, times)
 
 
 def _ours(it: Retargeter, x: np.ndarray, times: np.ndarray) -> Run:
-    stream, rows, seconds = it.start(), [], []
-    for i, row in enumerate(x):
-        began = time.perf_counter()
-        rows.append(stream.step(row, times[i] - times[i - 1] if i else 1.0 / 30.0).q)
-        seconds.append(time.perf_counter() - began)
-    return Run("s3le: look up, refine, certify", np.array(rows), np.array(seconds), 0)
+    made = follow(it, x, times)
+    return Run("s3le: look up, refine, certify", made.q, made.seconds, 0)
 
 
 def _follow(name: str, solve: Solve, robot: Robot, x: np.ndarray, start: np.ndarray) -> Run:

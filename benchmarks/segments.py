@@ -5,7 +5,7 @@
 The paths are those between random feasible poses; between the frames of feasible random walks at
 30 Hz, in which every joint moves at up to 4 or 1 rad/s; and between consecutive frames of the
 looked-up motions and of the ground truth, where those tables are there. One core, best of three
-rounds: a batch (certify), and path by path as a robot would ask (Prover.step, with the call from
+rounds: a batch (certify), and path by path as a robot would ask (segment.prove, with the call from
 Python). Nothing is asserted; times are those of this machine.
 """
 
@@ -21,7 +21,9 @@ from tuple_cost import one_core, timed
 from s3le.kernels import batch
 from s3le.rng import stream
 from s3le.robot.robot import Robot
-from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, Prover, Segments, certify
+from s3le.safety import segment
+from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, Segments, certify
+from s3le.safety.swept import swept
 from s3le.store import tables
 from s3le.study.tables import ground_truth, retargeted
 from s3le.tuples import sampling
@@ -93,11 +95,12 @@ def row(it: Robot, parts: list[np.ndarray], between: float, budget: int) -> str:
     certify(it, parts[0][:2], between, budget)  # compiles
     found, us = timed(lambda: [certify(it, q, between, budget) for q in parts], paths, repeat=3)
     found = Segments(*map(np.concatenate, zip(*found, strict=True)))
-    prover, calls = Prover(it, between, budget), np.full((3, paths), np.inf)
+    bounds, scratch = swept(it.chain), segment.scratch(it.chain)
+    calls = np.full((3, paths), np.inf)
     ends = [pair for q in parts for pair in zip(q[:-1], q[1:], strict=True)]
     for again, (i, (q0, q1)) in product(range(3), enumerate(ends)):
         began = time.perf_counter_ns()
-        prover.step(q0, q1)
+        segment.prove(it.chain, bounds, scratch, q0, q1, between, budget)
         calls[again, i] = (time.perf_counter_ns() - began) / 1e3
     p50, p99 = np.quantile(calls.min(axis=0), [0.5, 0.99])
     share = {status: np.mean(found.status == status) for status in (CERTIFIED, COLLIDES, UNDECIDED)}

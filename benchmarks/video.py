@@ -12,8 +12,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from s3le import following
 from s3le.human.skeletons import read_frames
+from s3le.retarget.stream import Retargeter
 from s3le.show import motions, raster, rows, solid, strip
 from s3le.show.human import LEFT, MIDDLE, RIGHT
 from s3le.store import documents
@@ -51,13 +51,13 @@ def main(
     made = convert.skeletons(looked, convert.Choices(pitch=pitch, roll=roll), path)
     clip = out / f"{path.stem}.parquet"
     convert.write(made, clip)
-    follower = following.load(folder, None)
-    robot = follower.robot
+    retargeter = Retargeter.load(folder)
+    robot = retargeter.robot
     try:
         frames = read_frames(clip, robot.neck)
     finally:
         clip.unlink()
-    done = clip.convert(follower, frames)
+    done = clip.convert(retargeter, frames)
     summary = done.summary
 
     known = np.flatnonzero(made.status == "seen")
@@ -65,7 +65,7 @@ def main(
     times = made.time[pick]
     seen = np.abs(looked.time[:, None] - times).argmin(axis=0)
     human = motions.Human(path.stem, frames.time, frames.x)
-    shown = motions.of(done.trajectory, path, robot)
+    shown = motions.of(done.motion, path, robot)
     told = rows.robot(shown, times, 0, False)
     note = [f"{c * 1e3:.1f} mm" for c in told.clearance]
     name = robot.name

@@ -1,4 +1,4 @@
-"""A retargeter for tests: what the command line asks of one, done plainly.
+"""A retargeter for tests: what is asked of one, done plainly.
 
 Every frame is a constrained following from the pose before; the robot goes as far towards it as
 its speed allows and a proof exists, in halves, and else holds.
@@ -9,32 +9,31 @@ from types import SimpleNamespace
 import numpy as np
 from worlds import coman
 
-from s3le.following import Follower
 from s3le.kernels import batch
+from s3le.retarget.stream import Mode, Retargeter, Step
 from s3le.robot.robot import Robot
-from s3le.safety.paths import CERTIFIED, Prover
+from s3le.safety.paths import CERTIFIED, certify
 
 ROOM = 1e-6  # [m], kept beyond the margin: kernels and coal agree to 1e-7
 
 
-MODES = {0: "start", 1: "reached", 2: "slowed", 3: "held"}
-
-
-def follow_by(cls) -> Follower:
-    """COMAN, led by one of the retargeters below."""
-    return Follower(cls(coman()), MODES)
+def led_by(monkeypatch, cls):
+    """COMAN, led by one of the retargeters below, in every folder."""
+    made = cls(coman())
+    monkeypatch.setattr(Retargeter, "load", lambda folder, method=None: made)
+    return made
 
 
 class Plain:
-    """Implements s3le.following.Retargets, and is its own only stream."""
+    """Implements s3le.retarget.follow.Follows, and is its own only stream."""
 
-    def __init__(self, robot: Robot, margin_between: float = 0.0005) -> None:
-        self.robot, self.settings = robot, SimpleNamespace(between=margin_between)
-        self.speed = np.array([joint.velocity for joint in robot.joints])
-        self._prover = Prover(robot, margin_between)
+    def __init__(self, robot: Robot | None = None, margin_between: float = 0.0005) -> None:
+        self.robot = robot or coman()
+        self.settings = SimpleNamespace(between=margin_between)
+        self.speed = np.array([joint.velocity for joint in self.robot.joints])
         self._q = None
 
-    def start(self, q=None):
+    def start(self, q=None, check=None):
         self._q = None if q is None else np.array(q, float)
         return self
 
@@ -48,23 +47,22 @@ class Plain:
         want = found.q[0] if found.feasible[0] else here
         if self._q is None:
             self._q = want
-            return SimpleNamespace(q=want.copy(), mode=0)
-        share, mode = self._share(want - here, dt), 3
+            return self._at(Mode.START)
+        share, mode = self._share(want - here, dt), Mode.HELD
         for _ in range(6):
             target = np.clip(here + share * (want - here), robot.lower, robot.upper)
             clear = batch.clearances(chain, target[None])[0] >= robot.margin + ROOM
-            if clear and self._prover.step(here, target).status == CERTIFIED:
-                mode = 1 if share == 1.0 else 2
+            path = np.stack([here, target])
+            if clear and certify(robot, path, self.settings.between).status[0] == CERTIFIED:
+                mode = Mode.REFINED if share == 1.0 else Mode.LIMITED
                 self._q = target
                 break
             share /= 2
-        return SimpleNamespace(q=self._q.copy(), mode=mode)
+        return self._at(mode)
 
-    def batch(self, x, times):
-        self.start()
-        steps = np.diff(times, prepend=times[0] - 1 / 30)
-        made = [self.step(frame, dt) for frame, dt in zip(x, steps, strict=True)]
-        return SimpleNamespace(q=np.array([m.q for m in made]), mode=[m.mode for m in made])
+    def _at(self, mode):
+        clearance = float(self.robot.certifier().check(self._q[None]).clearance[0])
+        return Step(self._q.copy(), mode, clearance, np.nan, np.nan, np.nan)
 
     def _share(self, change, dt):
         moving = np.abs(change) > 0
@@ -83,4 +81,5 @@ class Reckless(Plain):
         found = batch.follow(
             self.robot.chain, x[None], starts, middle, 1e-3, self.robot.margin, False
         )
-        return SimpleNamespace(q=np.clip(found.q[0], robot.lower, robot.upper), mode=1)
+        q = np.clip(found.q[0], robot.lower, robot.upper)
+        return Step(q, Mode.REFINED, np.nan, np.nan, np.nan, np.nan)

@@ -3,7 +3,7 @@
 from functools import cache
 
 import numpy as np
-from test_retarget import AGREEMENT, BETWEEN, DEFAULT, stored
+from streaming import AGREEMENT, BETWEEN, DEFAULT, stored
 from worlds import MARGIN, coman
 
 from s3le.retarget import around

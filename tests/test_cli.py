@@ -11,13 +11,12 @@ from pathlib import Path
 import bodies
 import numpy as np
 import pytest
-from follower import Plain, Reckless, follow_by
+from follower import Plain, Reckless, led_by
 from handmade import bvh, write
 from test_inert import frankmocap
 from typer.testing import CliRunner
 from worlds import coman, relaxed
 
-from s3le import following
 from s3le.cli import shell
 from s3le.cli.main import app
 from s3le.errors import ParameterError, RobotError
@@ -69,9 +68,7 @@ def bad(tmp_path):
 @pytest.fixture
 def retargeter(monkeypatch):
     """A retargeter in every folder."""
-    made = follow_by(Plain)
-    monkeypatch.setattr(following, "load", lambda folder, method=None: made)
-    return made
+    return led_by(monkeypatch, Plain)
 
 
 def waving(frames=12):
@@ -275,8 +272,7 @@ def test_a_clip_that_fails_is_named_and_the_others_are_written(tmp_path, retarge
 
 
 def test_nothing_is_written_of_a_motion_that_does_not_hold(tmp_path, monkeypatch):
-    reckless = follow_by(Reckless)
-    monkeypatch.setattr(following, "load", lambda folder, method=None: reckless)
+    led_by(monkeypatch, Reckless)
     rows = [[0, 0, 0, 0, 0, 0, -80 * (i % 2), 0, 0, 0, 0, 0] for i in range(6)]
     write(tmp_path / "a.bvh", bvh(rows, order="ZXY", step=".033"))
     said = run("retarget", tmp_path / "a.bvh", "--out", tmp_path / "out")
@@ -379,14 +375,6 @@ def test_a_stream_on_standard_input(retargeter):
     assert lines[0]["joints"] == coman().joint_names
     assert len(lines[1]["q"]) == 11 and lines[2]["line"] == 2 and "error" in lines[2]
     assert lines[3]["t"] == pytest.approx(0.1 + 1 / 30)
-
-
-def test_a_stream_that_the_check_refuses_ends_with_a_status(monkeypatch):
-    monkeypatch.setattr(following, "load", lambda *_: follow_by(Reckless))
-    x = np.array([[0, 0, 1], [0, -1, 0], [0, 0, -1], [-0.6, 0.8, 0], [0, 1, 0], [0, 0, -1],
-                  [-0.6, -0.8, 0]], float)  # fmt: skip
-    said = run("stream", given=json.dumps({"x": x.ravel().tolist()}) + "\n")
-    assert said.exit_code == shell.UNREADABLE and "fatal" in said.stdout
 
 
 def test_a_stream_on_loopback_serves_one_client_after_another(retargeter, monkeypatch):

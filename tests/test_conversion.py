@@ -4,15 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from follower import Plain, Reckless, follow_by
+from follower import Plain, Reckless
 from handmade import amc, asf, bvh, deepmimic, write
 from worlds import coman
 
-from s3le.errors import CertificateError, ClipError, ModelError, ParameterError
-from s3le.following import load
+from s3le.errors import CertificateError, ClipError, ParameterError
 from s3le.human.skeletons import read_frames, skeletons
 from s3le.motion import files
 from s3le.retarget import clip
+from s3le.retarget.follow import approach
 from s3le.safety import audit
 from s3le.skeleton import features
 
@@ -32,15 +32,15 @@ def waving(frames=45, broken=()):
 
 
 def follower(cls=Plain):
-    return follow_by(cls)
+    return cls()
 
 
 def holds(made, margins=None):
     robot = coman()
     wanted = audit.demands(robot)
-    q = made.trajectory.q
-    at_rows = np.where(made.trajectory.mode == "between", wanted.margin_between, wanted.margin)
-    return audit.audit(robot, made.trajectory.time, q, wanted, at_rows).holds
+    q = made.motion.q
+    at_rows = np.where(made.motion.mode == "between", wanted.margin_between, wanted.margin)
+    return audit.audit(robot, made.motion.time, q, wanted, at_rows).holds
 
 
 # --- clips as frames
@@ -78,8 +78,8 @@ def test_frames_that_cannot_be_used_leave_a_gap_in_time(tmp_path):
     assert frames.time[0] == pytest.approx(1 / frames.fps)
     assert frames.gap == pytest.approx(4 / frames.fps)
     made = clip.convert(follower(), frames)
-    assert len(made.trajectory.time) == 41 and holds(made)
-    assert made.trajectory.time == pytest.approx(frames.time, abs=0)
+    assert len(made.motion.time) == 41 and holds(made)
+    assert made.motion.time == pytest.approx(frames.time, abs=0)
     assert made.summary["frames"]["longest_gap_s"] == pytest.approx(4 / frames.fps)
 
 
@@ -123,7 +123,7 @@ def test_fidelity_is_measured_on_the_frames_by_hand(wave):
     made = clip.convert(follower(), frames)
     from s3le.kernels import batch
 
-    points = batch.points(coman().chain, made.trajectory.q)
+    points = batch.points(coman().chain, made.motion.q)
     x, _ = features(points, "midpoint")
     by_hand = np.mean(1 - (x.reshape(-1, 7, 3) * frames.x.reshape(-1, 7, 3)).sum(2), axis=1)
     assert made.summary["to_human"]["mean"] == pytest.approx(by_hand.mean(), abs=1e-9)
@@ -136,11 +136,11 @@ def test_at_any_rate_it_holds_and_stays_on_the_path(wave, rate):
     plain = clip.convert(follower(), frames)
     made = clip.convert(follower(), frames, rate=rate)
     assert holds(made)
-    steps = np.diff(made.trajectory.time)
+    steps = np.diff(made.motion.time)
     assert steps.max() <= (1 + 1e-9) / rate
     for j in range(11):
-        path = np.interp(made.trajectory.time, plain.trajectory.time, plain.trajectory.q[:, j])
-        assert made.trajectory.q[:, j] == pytest.approx(path, abs=1e-9)
+        path = np.interp(made.motion.time, plain.motion.time, plain.motion.q[:, j])
+        assert made.motion.q[:, j] == pytest.approx(path, abs=1e-9)
     assert made.summary["modes"] == plain.summary["modes"]  # of frames, not of rows
     assert made.summary["to_human"] == plain.summary["to_human"]
 
@@ -148,7 +148,7 @@ def test_at_any_rate_it_holds_and_stays_on_the_path(wave, rate):
 def test_a_lead_in_begins_at_the_anchor_and_is_marked(wave):
     frames = read_frames(wave, "midpoint")
     made = clip.convert(follower(), frames, lead_in=1.0, rate=100.0)
-    motion = made.trajectory
+    motion = made.motion
     assert (motion.q[0] == coman().anchor).all() and motion.time[0] == 0.0
     assert motion.mode[0] == "start" and holds(made)
     lead = motion.mode == "lead_in"
@@ -163,21 +163,13 @@ def test_an_approach_turns_every_bone_from_one_to_the_other():
     rng = np.random.default_rng(0)
     a, b = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, 7, 3)))
     b[0], b[1] = -a[0], a[1]  # about turn, and no turn
-    way = clip.approach(a.reshape(21), b.reshape(21), 50).reshape(50, 7, 3)
+    way = approach(a.reshape(21), b.reshape(21), 50).reshape(50, 7, 3)
     assert np.linalg.norm(way, axis=2) == pytest.approx(1.0, abs=1e-12)
     whole = np.concatenate([a[None], way, b[None]])
     turn = np.arccos(np.clip((whole[1:] * whole[:-1]).sum(2), -1, 1))
     assert turn.max() < 0.15 and turn[0].max() < 0.001
     total = np.arccos(np.clip((a * b).sum(1), -1, 1))
     assert turn.sum(axis=0) == pytest.approx(total, abs=1e-5)
-
-
-def test_looking_ahead_takes_the_whole_clip_at_once(wave):
-    frames = read_frames(wave, "midpoint")
-    made = clip.convert(follower(), frames, look_ahead=True)
-    assert holds(made) and len(made.trajectory.q) == 45
-    with pytest.raises(ParameterError, match="leave out look-ahead"):
-        clip.convert(follower(), frames, look_ahead=True, lead_in=1.0)
 
 
 @pytest.mark.parametrize("lead_in", [-1.0, float("nan"), 1e9])
@@ -196,36 +188,10 @@ def test_a_motion_that_does_not_hold_is_refused_with_the_place(tmp_path):
     assert holds(clip.convert(follower(), frames))
 
 
-def test_the_comparison_with_the_optimum_is_made_where_asked(tmp_path):
-    frames = read_frames(write(tmp_path / "w.bvh", waving(6)), "midpoint")
-    made = clip.convert(follower(), frames, optimum=3)
-    assert 0.0 <= made.summary["to_optimum"]["mean"] < 0.2
-    assert "to_optimum" not in clip.convert(follower(), frames).summary
-
-
 def test_one_frame_is_a_motion(tmp_path):
     frames = read_frames(write(tmp_path / "w.bvh", waving(1)), "midpoint")
     for rate in (None, 500.0):
         made = clip.convert(follower(), frames, rate=rate)
-        assert len(made.trajectory.q) == 1
-        files.write(made.trajectory, tmp_path / "w.parquet")
+        assert len(made.motion.q) == 1
+        files.write(made.motion, tmp_path / "w.parquet")
         json.dumps(made.summary, allow_nan=False)
-
-
-def test_a_retargeter_that_gives_too_few_poses_is_refused(wave):
-    class Short(Plain):
-        def batch(self, x, times):
-            made = super().batch(x[:-1], times[:-1])
-            return made
-
-    frames = read_frames(wave, "midpoint")
-    with pytest.raises(CertificateError, match=r"gave \(44, 11\), not \(45, 11\)"):
-        clip.convert(follower(Short), frames, look_ahead=True)
-
-
-def test_without_a_retargeter_loading_says_so(tmp_path, monkeypatch):
-    import sys
-
-    monkeypatch.setitem(sys.modules, "s3le.retarget", None)
-    with pytest.raises(ModelError, match="no retargeter can be run here"):
-        load(tmp_path)

@@ -7,12 +7,11 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
-from follower import Plain, follow_by
+from follower import Plain, led_by
 from handmade import broken, bvh, deepmimic, write
 from typer.testing import CliRunner
 from worlds import ARMS_URDF, ARMS_YAML, MARGIN, ROBOTS, coman, edited, write_arms
 
-from s3le import following
 from s3le.cli.main import app
 from s3le.cli.retarget import Tool
 from s3le.errors import ParameterError, RobotError, S3leError, TrajectoryError
@@ -320,10 +319,10 @@ def turning(tmp_path_factory):
 def test_the_heading_is_the_clips_unwrapped_and_at_the_rows_own_times(turning):
     frames = read_frames(turning, "midpoint")
     yaw = np.deg2rad(np.delete(np.linspace(0, 400, 40), [20, 21, 22]))
-    made = clip.convert(follow_by(Plain), frames).trajectory
+    made = clip.convert(Plain(), frames).motion
     assert made.heading - made.heading[0] == pytest.approx(yaw, abs=1e-6)
     assert made.about["heading"] == "from the clip"
-    lead = clip.convert(follow_by(Plain), frames, lead_in=0.4, rate=100.0).trajectory
+    lead = clip.convert(Plain(), frames, lead_in=0.4, rate=100.0).motion
     offset = lead.about["clip_time_offset_s"]
     assert (lead.heading[lead.time <= offset] == made.heading[0]).all()
     by_hand = np.interp(lead.time - offset, frames.time, made.heading)
@@ -332,8 +331,8 @@ def test_the_heading_is_the_clips_unwrapped_and_at_the_rows_own_times(turning):
 
 def test_a_clip_without_a_heading_is_the_identity_and_says_so(turning):
     frames = read_frames(turning, "midpoint")._replace(heading=None)
-    made = clip.convert(follow_by(Plain), frames)
-    assert (made.trajectory.heading == 0.0).all() and made.summary["heading"] == "identity"
+    made = clip.convert(Plain(), frames)
+    assert (made.motion.heading == 0.0).all() and made.summary["heading"] == "identity"
 
 
 def test_a_heading_that_is_not_finite_is_refused_with_its_row():
@@ -346,8 +345,8 @@ def test_a_heading_that_is_not_finite_is_refused_with_its_row():
 
 def test_even_rows_fill_gaps_and_cut_no_corner_at_the_clips_own_rate(turning):
     frames = read_frames(turning, "midpoint")
-    plain = clip.convert(follow_by(Plain), frames).trajectory
-    made = clip.convert(follow_by(Plain), frames, even=True).trajectory
+    plain = clip.convert(Plain(), frames).motion
+    made = clip.convert(Plain(), frames, even=True).motion
     assert made.rate == pytest.approx(25.0) and len(made.time) == 40
     assert made.about["rate"] == 25.0 and (made.mode == "between").sum() == 3
     assert (made.q[made.mode != "between"] == plain.q).all()
@@ -372,7 +371,7 @@ def test_the_command_line_knows_every_layout():
 
 
 def test_every_file_that_is_written_is_certified_by_the_audit(tmp_path, turning, monkeypatch):
-    monkeypatch.setattr(following, "load", lambda *_: follow_by(Plain))
+    led_by(monkeypatch, Plain)
     out = tmp_path / "out"
     said = run("retarget", turning, "--out", out, "--full", "--csv", "--npz", "--for", "gmr",
                "--for", "mjlab", "--rate", 50)  # fmt: skip
@@ -410,7 +409,7 @@ def test_every_file_that_is_written_is_certified_by_the_audit(tmp_path, turning,
 
 
 def test_without_full_the_usual_files_keep_the_robots_own_joints(tmp_path, turning, monkeypatch):
-    monkeypatch.setattr(following, "load", lambda *_: follow_by(Plain))
+    led_by(monkeypatch, Plain)
     said = run("retarget", turning, "--out", tmp_path, "--for", "gmr", "--root-height", 0.7)
     assert said.exit_code == 0, said.output
     assert len(files.read(tmp_path / "turn.parquet").joints) == 11
@@ -429,13 +428,13 @@ def test_without_full_the_usual_files_keep_the_robots_own_joints(tmp_path, turni
     ],
 )
 def test_options_that_make_no_sense_are_refused(tmp_path, turning, monkeypatch, options, words):
-    monkeypatch.setattr(following, "load", lambda *_: follow_by(Plain))
+    led_by(monkeypatch, Plain)
     said = run("retarget", turning, "--out", tmp_path / "out", *options)
     assert said.exit_code == 2 and words in said.output and not (tmp_path / "out").exists()
 
 
 def test_clips_whose_files_would_be_one_anothers_are_refused(tmp_path, turning, monkeypatch):
-    monkeypatch.setattr(following, "load", lambda *_: follow_by(Plain))
+    led_by(monkeypatch, Plain)
     for name in ("a.bvh", "a.gmr.bvh"):
         (tmp_path / name).write_bytes(turning.read_bytes())
     said = run("retarget", tmp_path / "a.bvh", tmp_path / "a.gmr.bvh", "--out", tmp_path / "out",
@@ -445,7 +444,7 @@ def test_clips_whose_files_would_be_one_anothers_are_refused(tmp_path, turning, 
 
 def test_a_clip_is_never_replaced_by_what_became_of_it(tmp_path, monkeypatch):
     """A motion takes its clip's name, and .json and .parquet are suffixes of both."""
-    monkeypatch.setattr(following, "load", lambda *_: follow_by(Plain))
+    led_by(monkeypatch, Plain)
     monkeypatch.chdir(tmp_path)
     clip = write(tmp_path / "wave.json", deepmimic(*({} for _ in range(5))))
     before = clip.read_bytes()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_retarget import retargeter, stored
+from streaming import retargeter, stored
 from worlds import MARGIN, coman, inside_limits
 
 from s3le.errors import ParameterError

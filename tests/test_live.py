@@ -6,14 +6,16 @@ import math
 
 import numpy as np
 import pytest
-from follower import Plain, Reckless, follow_by
+from follower import Plain
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from streaming import retargeter
 from worlds import MARGIN, coman
 
-from s3le.errors import CertificateError, ParameterError
+from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.retarget import live
+from s3le.robot.certificate import Certifier
 from s3le.safety import audit
 from s3le.skeleton import POINTS
 
@@ -21,7 +23,7 @@ TILT = math.radians(60.0)
 
 
 def begun(cls=Plain, rate=30.0):
-    return live.Live(follow_by(cls), rate, TILT)
+    return live.Live(cls(), rate, TILT)
 
 
 def anchor_x():
@@ -151,14 +153,17 @@ def test_no_input_moves_the_robot_where_nothing_was_proven(seed):
     assert report.holds, report.complaint
 
 
-def test_a_retargeter_without_a_guard_is_stopped():
-    hug = anchor_x().reshape(7, 3)
-    hug[[2, 5]], hug[[3, 6]] = [0, 0, -1], [[-0.6, 0.8, 0], [-0.6, -0.8, 0]]
-    stream, said = begun(Reckless), []
-    frames = [json.dumps({"x": hug.ravel().tolist()}).encode()] * 3
-    with pytest.raises(CertificateError):
-        live.serve(stream, frames, said.append)
-    assert "fatal" in json.loads(said[-1]) and len(said) == 2
+def test_a_pose_that_the_independent_check_refuses_is_held_whatever_the_settings_say(monkeypatch):
+    """A retargeter that is told not to check is checked all the same."""
+    it = retargeter(check=False)
+    stream = live.Live(it, 30.0, TILT)
+    monkeypatch.setattr(Certifier, "one", lambda *_: (np.nan, np.nan))
+    for _ in range(3):
+        said = sent(stream, {"x": anchor_x().reshape(7, 3)[:, [0, 2, 1]].ravel().tolist()})
+        assert said["mode"] in ("held", "lead_in") and said["q"] == coman().anchor.tolist()
+    checker = coman().certifier()
+    monkeypatch.undo()
+    assert checker.one(np.array(said["q"]))[0] >= MARGIN
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 1e9])

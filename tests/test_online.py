@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_retarget import held_to_its_word, motion, retargeter, stored
+from streaming import held_to_its_word, motion, retargeter, stored
 from worlds import MARGIN, coman
 
 from s3le.errors import BundleError, CertificateError
 from s3le.kernels import batch
-from s3le.retarget.mode import Mode
-from s3le.retarget.stream import Retargeter, Step
+from s3le.retarget.stream import Mode, Retargeter, Step
 from s3le.skeleton import cosine_distance
 from s3le.study import followed
 from s3le.study.tables import MODES
@@ -52,7 +51,7 @@ def test_refined_it_is_what_a_stream_gives(frames, both):
     steps = np.concatenate([[1 / 30], np.diff(times[own])])
     rows = [stream.step(*frame) for frame in zip(x[own], steps, strict=True)]
     np.testing.assert_array_equal(both[1][0][own], [row.q for row in rows])
-    assert both[1][1][own].tolist() == [row.mode.name.lower() for row in rows]
+    assert both[1][1][own].tolist() == [row.mode for row in rows]
 
 
 def test_the_look_up_alone_goes_for_stored_poses(frames, both):
@@ -102,4 +101,4 @@ def test_a_retargeter_of_another_robot_is_refused(frames):
 
 
 def test_the_table_knows_every_mode_of_a_stream():
-    assert set(MODES) == {"decoded", *(mode.name.lower() for mode in Mode)}
+    assert set(MODES) == {"decoded", *(mode for mode in Mode)}

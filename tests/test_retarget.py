@@ -1,7 +1,5 @@
 """The retargeter: never an unproven pose or step, whatever comes in; and near the human."""
 
-from dataclasses import replace
-from functools import cache
 from threading import Thread
 
 import numpy as np
@@ -9,67 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import OneByOne
-from worlds import MARGIN, coman, inside_limits, relaxed
+from streaming import BETWEEN, DT, SPEED, held_to_its_word, motion, retargeter, stored
+from worlds import MARGIN, coman
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.retarget.calm import calm, middle
-from s3le.retarget.mode import Mode
-from s3le.retarget.propose import LookUp
+from s3le.retarget.follow import follow
 from s3le.retarget.refine import refine
-from s3le.retarget.settings import Settings
-from s3le.retarget.stream import Retargeter
-from s3le.safety.judge import Judge
-from s3le.safety.paths import CERTIFIED, COLLIDES, certify
-from s3le.search import neighbours
+from s3le.retarget.stream import Mode
+from s3le.safety.paths import COLLIDES, certify
 from s3le.skeleton import cosine_distance
-
-BETWEEN = 0.0005  # [m]
-DEFAULT = Settings(
-    k=4, iterations=6, target=0.004, between=BETWEEN, ridge=1e-3, pull=0.3, toll=0.003,
-    speed_factor=1.0, brake=60.0, cutoff=0.0, quickness=1.0, delay=False, check=True,
-)  # fmt: skip
-SPEED = 4.0  # [rad/s], COMAN's
-AGREEMENT = 1e-7  # [m], of kernels and coal (test_distance.py)
-DT = 1.0 / 30.0
-
-
-@cache
-def stored(n=3000):
-    made = coman()
-    q = batch.project(made.chain, made.anchor, relaxed(made, n, 5), MARGIN).q
-    return q, batch.skeletons(made.chain, q)
-
-
-@cache
-def retargeter(**changed):
-    q, x = stored()
-    chosen = replace(DEFAULT, **changed)
-    return Retargeter(coman(), LookUp(q, neighbours.build(x, exact=True), chosen.k, None), chosen)
-
-
-@cache
-def motion(n=120, seed=1):
-    """Skeletons of a smooth motion that collides: of poses within limits, not projected."""
-    made, knots = coman(), inside_limits(coman(), n // 15 + 2, seed)
-    at = np.arange(n) / 15.0
-    share = (at % 1.0)[:, None] ** 2 * (3.0 - 2.0 * (at % 1.0)[:, None])
-    q = (1.0 - share) * knots[at.astype(int)] + share * knots[at.astype(int) + 1]
-    return batch.skeletons(made.chain, q)
-
-
-def held_to_its_word(q, dt, speed=SPEED, judged=3):
-    """Poses by coal, paths by proof and, the closest of them, by dense sampling, speeds."""
-    made = coman()
-    report = made.certifier().check(q)
-    assert (report.clearance >= MARGIN).all() and (report.limit_margin >= 0.0).all()
-    found = certify(made, q, BETWEEN)
-    assert (found.status == CERTIFIED).all()
-    assert (np.abs(np.diff(q, axis=0)) <= speed * np.asarray(dt)[:, None]).all()
-    judge = Judge(made.certifier())
-    for row in np.argsort(found.bound)[:judged]:
-        assert judge.path(q[row], q[row + 1]).clearance >= BETWEEN - AGREEMENT
-
 
 # --- safe, whatever comes in
 
@@ -126,10 +74,10 @@ def test_no_input_leads_to_an_unproven_pose_or_step(seed, script, brake, delay):
 @pytest.mark.parametrize("brake", [0.0, 60.0])
 def test_a_motion_through_the_body_is_followed_around_it(brake):
     human = motion(240, seed=3)
-    found = retargeter(brake=brake).batch(human, np.arange(len(human)) * DT)
+    found = follow(retargeter(brake=brake), human, np.arange(len(human)) * DT)
     held_to_its_word(found.q, np.full(len(human) - 1, DT), judged=6)
     assert (found.bound >= BETWEEN).all()
-    assert {Mode.START, Mode.LIMITED} <= set(map(Mode, found.mode))
+    assert {Mode.START, Mode.LIMITED} <= set(found.mode)
     assert found.mode[0] == Mode.START
 
 
@@ -243,11 +191,11 @@ def test_the_filter_lets_nothing_through_that_is_not_a_direction():
 # --- streams
 
 
-def test_a_batch_is_a_stream():
+def test_a_motion_is_followed_as_a_stream_would():
     x = motion()[:40].copy()
     x[7] = np.nan
     times = np.cumsum(np.full(40, DT))
-    found, stream = retargeter().batch(x, times), retargeter().start()
+    found, stream = follow(retargeter(), x, times), retargeter().start()
     for i in range(40):
         step = stream.step(x[i], times[i] - times[i - 1] if i else DT)
         assert (step.q == found.q[i]).all() and step.mode == found.mode[i]
@@ -257,18 +205,19 @@ def test_a_batch_is_a_stream():
 def test_a_motion_may_begin_with_frames_that_cannot_be_used():
     x = motion()[:10].copy()
     x[:3] = np.nan
-    found = retargeter().batch(x, np.arange(10) * DT)
+    found = follow(retargeter(), x, np.arange(10) * DT)
     assert (found.mode[:3] == Mode.DROPPED).all() and found.mode[3] == Mode.START
     assert (found.q[:3] == found.q[3]).all()
 
 
 def test_a_lead_in_goes_from_the_given_pose_to_the_first_frame():
     x, anchor = motion()[:20], coman().anchor
-    found = retargeter().batch(x, np.arange(20) * DT, anchor, lead_in=1.0)
-    assert len(found.q) == 50 and found.time[0] == pytest.approx(-1.0)
-    assert found.mode[0] == Mode.LEAD_IN
-    path = np.concatenate([anchor[None], found.q])
-    held_to_its_word(path, np.full(50, DT))
+    found = follow(retargeter(), x, np.arange(20) * DT, start=anchor, lead_in=1.0)
+    assert len(found.q) == 51 and found.time[0] == 0.0 and found.clip_from == 31
+    assert found.offset == pytest.approx(31 * DT)
+    assert found.mode[0] == Mode.START and set(found.mode[1:31]) == {Mode.LEAD_IN}
+    assert (found.q[0] == anchor).all()
+    held_to_its_word(found.q, np.full(50, DT))
 
 
 def test_streams_do_not_disturb_each_other():

@@ -9,11 +9,10 @@ from pathlib import Path
 import browser
 import numpy as np
 import pytest
-from follower import Plain, follow_by
+from follower import Plain, led_by
 from test_scene import moving, wave
 from typer.testing import CliRunner
 
-from s3le import following
 from s3le.cli import shell
 from s3le.cli.main import app
 from s3le.show import motions, pace
@@ -138,7 +137,7 @@ def test_a_film_that_breaks_off_leaves_the_old_one(walk, tmp_path, monkeypatch):
 
 
 def test_a_retargeted_clip_knows_its_human(tmp_path, monkeypatch):
-    monkeypatch.setattr(following, "load", lambda folder, method=None: follow_by(Plain))
+    led_by(monkeypatch, Plain)
     clip = wave(tmp_path)
     assert run("retarget", clip, "--out", tmp_path / "out").exit_code == 0
     shown = moving(tmp_path)  # for its machine

@@ -1,6 +1,7 @@
 """Paths between poses: what is proven holds, what collides does, and the rest is not certified."""
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from s3le.robot.certificate import placements
 from s3le.robot.robot import Robot
 from s3le.safety import paths, segment
 from s3le.safety.judge import Judge
-from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, Prover, certify
+from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, certify
 from s3le.safety.swept import swept, travels
 
 BETWEEN = 0.0005  # [m], clearance to keep between poses
@@ -68,9 +69,25 @@ def steps(speed: float, n: int = 400, seed: int = 1):
     return q0[near], q1[near]
 
 
+class Proof(NamedTuple):
+    """What is known of one path; see paths.Segments."""
+
+    status: int
+    bound: float
+    until: float
+    t: float
+    pair: int
+    clearance: float
+    used: int
+
+
+def prove(made, q0, q1, margin=BETWEEN, budget=paths.BUDGET):
+    found = certify(made, np.stack([q0, q1]), margin, budget)
+    return Proof(*(column[0].item() for column in found))
+
+
 def prove_all(made, pairs, margin=BETWEEN, budget=paths.BUDGET):
-    prover = Prover(made, margin, budget)
-    return [prover.step(a, b) for a, b in zip(*pairs, strict=True)]
+    return [prove(made, a, b, margin, budget) for a, b in zip(*pairs, strict=True)]
 
 
 def at(q0, q1, t):
@@ -125,7 +142,7 @@ def test_proofs_hold_on_random_steps_of_two_arms(arms, seed, size, margin):
     rng = np.random.default_rng(seed)
     q = batch.project(arms.chain, arms.anchor, relaxed(arms, 1, seed), MARGIN).q[0]
     end = np.clip(q + rng.uniform(-size, size, 4), arms.lower, arms.upper)
-    one = Prover(arms, margin).step(q, end)
+    one = prove(arms, q, end, margin)
     sampled = batch.clearances(arms.chain, at(q, end, np.linspace(0, 1, 400)))
     if one.status == COLLIDES:
         there = batch.clearances(arms.chain, at(q, end, one.t)[None])[0]
@@ -293,18 +310,18 @@ def hard_step():
 def test_a_budget_that_is_spent_ends_undecided(budget):
     a, b, need = hard_step()
     made = coman()
-    one = Prover(made, BETWEEN, budget).step(a, b)
+    one = prove(made, a, b, BETWEEN, budget)
     assert one.status == UNDECIDED and one.used == budget
     assert one.bound < BETWEEN and one.until < 1.0
     assert np.isnan(one.t) and one.pair == -1
-    assert Prover(made, BETWEEN, need - 1).step(a, b).status == UNDECIDED
-    assert Prover(made, BETWEEN, need).step(a, b).status == CERTIFIED
+    assert prove(made, a, b, BETWEEN, need - 1).status == UNDECIDED
+    assert prove(made, a, b, BETWEEN, need).status == CERTIFIED
 
 
 def test_what_is_proven_before_the_budget_ends_is_clear():
     a, b, need = hard_step()
     made = coman()
-    one = Prover(made, BETWEEN, need - 1).step(a, b)
+    one = prove(made, a, b, BETWEEN, need - 1)
     assert 0.0 < one.until < 1.0
     assert Judge(made.certifier(), 0.003).path(a, at(a, b, one.until)).clearance >= BETWEEN
 
@@ -350,7 +367,7 @@ def test_what_is_not_finite_is_never_certified(bad):
     assert found.status.tolist() == [CERTIFIED, UNDECIDED, UNDECIDED, CERTIFIED]
     assert np.isnan(found.bound[1:3]).all() and (found.until[1:3] == 0.0).all()
     assert not (found.bound[1:3] >= BETWEEN).any()
-    assert Prover(made, BETWEEN).step(q[2], q[2]).status == UNDECIDED
+    assert prove(made, q[2], q[2], BETWEEN).status == UNDECIDED
     assert np.isnan(Judge(made.certifier()).path(q[1], q[2]).clearance)
 
 
@@ -384,7 +401,7 @@ def test_a_turn_of_the_base_changes_nothing(arms, turned):
 @pytest.mark.parametrize("margin", [0.0, -0.001, 0.0021, np.nan, np.inf], ids=str)
 def test_a_margin_that_means_nothing_is_refused(margin):
     made = coman()
-    for door in (lambda: Prover(made, margin), lambda: certify(made, np.zeros((2, 11)), margin)):
+    for door in (lambda: certify(made, np.zeros((2, 11)), margin),):
         with pytest.raises(ParameterError) as refusal:
             door()
         assert str(refusal.value) == (
@@ -402,13 +419,9 @@ def test_a_trajectory_of_another_shape_is_refused(shape):
     )
 
 
-def test_a_step_of_another_shape_and_a_negative_budget_are_refused():
-    made = coman()
+def test_a_negative_budget_is_refused():
     with pytest.raises(ParameterError) as refusal:
-        Prover(made, BETWEEN).step(np.zeros(11), np.zeros(10))
-    assert str(refusal.value) == "a step needs two poses of shape (11,), got (11,) and (10,)"
-    with pytest.raises(ParameterError) as refusal:
-        Prover(made, BETWEEN, -1)
+        certify(coman(), np.zeros((2, 11)), BETWEEN, -1)
     assert str(refusal.value) == "the budget of a proof must be at least 0 poses, got -1"
 
 

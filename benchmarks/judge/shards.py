@@ -143,7 +143,7 @@ def written(
         "broken": list(broken),
         "where": f"{name}, {seen.clearance * 1e3:.4f} mm at {seen.t:.3f} of a step of "
         f"{made.dt[i]!r} s, {seen.speed:.3f} of the speed limit",
-        "mode": streams.Mode(int(made.mode[i])).name.lower(),
+        "mode": str(made.mode[i]),
         "q0": [float(v).hex() for v in made.q0[i]],
         "q1": [float(v).hex() for v in made.q1[i]],
         "dt": float(made.dt[i]).hex(),

@@ -19,8 +19,7 @@ import numpy as np
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.retarget.mode import Mode
-from s3le.retarget.stream import Retargeter
+from s3le.retarget.stream import Mode, Retargeter
 from s3le.robot.certificate import Certifier
 
 KINDS = ("random", "adversarial", "real")
@@ -215,4 +214,4 @@ def wanted(stream) -> np.ndarray:
 
 def shares(mode: np.ndarray) -> dict[str, int]:
     """How many steps came about how."""
-    return {one.name.lower(): int((mode == one).sum()) for one in Mode if (mode == one).any()}
+    return {str(one): int((mode == one).sum()) for one in Mode if (mode == one).any()}

@@ -1,8 +1,17 @@
 """Options that several commands have, so that they are called and explained alike."""
 
+from enum import StrEnum
 from typing import Annotated
 
 import typer
+
+
+class Tool(StrEnum):
+    """Tools whose own layout is written; see s3le/motion/layouts.py."""
+
+    gmr = "gmr"
+    mjlab = "mjlab"
+
 
 Human = Annotated[
     str | None,

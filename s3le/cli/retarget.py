@@ -1,30 +1,18 @@
 """`s3le retarget`: clips in, one certified motion each out."""
 
-from collections import Counter
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from s3le.cli import options, shell
-from s3le.errors import ModelError, ParameterError, S3leError
+from s3le.errors import ModelError, S3leError
 
 if TYPE_CHECKING:
-    from s3le.following import Follower
-    from s3le.human.keypoints.how import How
-    from s3le.motion.root import Root
-    from s3le.motion.whole import Whole
+    from s3le.retarget import outputs
+    from s3le.retarget.stream import Retargeter
 
 MODEL = Path("data/retargeter")  # what the stage `export` writes
-STARTS = 20  # of the optimisation to compare with
-
-
-class Tool(StrEnum):
-    """Tools whose own layout is written; see s3le/motion/layouts.py."""
-
-    gmr = "gmr"
-    mjlab = "mjlab"
 
 
 def retarget(
@@ -52,7 +40,7 @@ def retarget(
         typer.Option("--full", help="Write every actuated joint of the URDF, held ones included."),
     ] = False,
     tools: Annotated[
-        list[Tool] | None,
+        list[options.Tool] | None,
         typer.Option(
             "--for", help="Also write what this tool reads: a free base and all joints at one rate."
         ),
@@ -76,14 +64,6 @@ def retarget(
         float,
         typer.Option(help="Move from the robot's anchor to the first frame in this time [s]."),
     ] = 0.0,
-    look_ahead: Annotated[
-        bool,
-        typer.Option("--look-ahead", help="Give the model whole clips, not frame by frame."),
-    ] = False,
-    optimum: Annotated[
-        bool,
-        typer.Option("--optimum", help="Compare every frame with a constrained optimum; slow."),
-    ] = False,
     tilt_max: Annotated[
         float, typer.Option(help="Drop frames whose torso leans farther [deg].")
     ] = 60.0,
@@ -114,27 +94,31 @@ def retarget(
     Exit status: 0 if every clip was written, 1 if one failed, 2 if nothing could begin.
     """  # noqa: D301
     with shell.guarded():
-        known = shell.how(layout, axes, pitch, person, confidence)
-        paths = _clips(clips)
-        follower = shell.follower(model, method)
-        own = follower.robot.name
+        from s3le.human.chosen import chosen
+        from s3le.retarget import outputs
+
+        read = {"fps": fps, "tilt_max": tilt_max,
+                "how": shell.how(layout, axes, pitch, person, confidence)}  # fmt: skip
+        paths = chosen(clips)
+        retargeter = shell.retargeter(model, method)
+        own = retargeter.robot.name
         if robot is not None and robot != own:
             raise ModelError(f"{model} is for robot '{own}', not '{robot}'")
-        suffixes = [".parquet", *[".csv"] * csv, *[".npz"] * npz]
-        shape = _shape(follower, full, tools or [], root_height)
-        _refuse_overlap(paths, out, suffixes, shape.tools)
+        shape = outputs.shape(
+            retargeter.robot, csv=csv, npz=npz, full=full, tools=tools or (),
+            root_height=root_height,
+        )
+        outputs.refuse_overlap(paths, out, shape)
         how = {
             "rate": rate,
             "even": bool(shape.tools),
             "lead_in": lead_in,
-            "look_ahead": look_ahead,
-            "optimum": STARTS if optimum else 0,
             "about": {"model": str(model), "method": method},
         }
         failed = 0
         for path in paths:
             try:
-                summary = _one(path, follower, out, suffixes, shape, fps, tilt_max, known, how)
+                summary = _one(path, retargeter, out, shape, read, how)
             except (S3leError, OSError) as refusal:
                 shell.complain(refusal)
                 failed += 1
@@ -145,118 +129,26 @@ def retarget(
             raise typer.Exit(shell.BROKEN)
 
 
-def _clips(given: list[Path]) -> list[Path]:
-    """The files that are meant; each must have a name of its own, for its results take it."""
-    from s3le.human.clip import clip_name
-    from s3le.human.keypoints.folders import frames_of, is_frame
-    from s3le.human.read import KEYPOINTS, READ, is_clip, suffix_of
-
-    paths = []
-    for path in given:
-        inside = sorted(
-            p for p in path.glob("*") if is_clip(p) or suffix_of(p) in KEYPOINTS or frames_of(p)
-        )
-        others = [p for p in inside if not is_frame(p)]
-        frames = frames_of(path)
-        if frames == path and others:
-            raise ParameterError(
-                f"{path}: holds frames of one clip and other clips, as {others[0].name}; part them"
-            )
-        if frames == path or (frames and others == [frames]):
-            paths.append(path)
-            continue
-        if path.is_dir() and not inside:
-            raise ParameterError(f"{path}: no motion files in it ({', '.join(READ)})")
-        paths += inside if path.is_dir() else [path]
-    counts = Counter(clip_name(path) for path in paths)
-    for name, count in counts.items():
-        if count > 1:
-            raise ParameterError(f"{count} clips are called '{name}'; write them to two folders")
-    return paths
-
-
-def _refuse_overlap(paths: list[Path], out: Path, suffixes: list[str], tools: list[Tool]) -> None:
-    """Refuse clips whose files would be one another's, as those of `a` and `a.gmr`, or a clip."""
-    from s3le.human.clip import clip_name
-    from s3le.motion import layouts
-
-    ends = [*suffixes, ".json", *(layouts.SUFFIX[tool] for tool in tools)]
-    ends += [f"{end}.json" for end in ends if end.endswith(".csv")]
-    writer: dict[str, Path] = {}
-    given = {path.resolve(): path for path in paths}
-    for path in paths:
-        for name in (clip_name(path) + end for end in ends):
-            if clip := given.get((out / name).resolve()):
-                raise ParameterError(f"{clip} is a clip, and would be replaced by a result of that "
-                                     "name; give another folder as --out")  # fmt: skip
-            if (other := writer.setdefault(name, path)) is not path:
-                raise ParameterError(f"{other} and {path} would both become {name}; write them "
-                                     "to two folders")  # fmt: skip
-
-
-class _Shape(NamedTuple):
-    """Which joints and bases are written, and for whom."""
-
-    full: bool
-    tools: list[Tool]
-    whole: "Whole | None"  # None: neither is asked for
-    base: "Root | None"
-
-
-def _shape(
-    follower: "Follower", full: bool, tools: list[Tool], root_height: float | None
-) -> _Shape:
-    """What all clips' files have in common; refuses what no clip could be written with."""
-    from s3le.motion import root, whole
-
-    robot = follower.robot
-    if root_height is not None and not tools:
-        raise ParameterError("--root-height is of the files that --for writes; give --for too")
-    return _Shape(
-        full,
-        sorted(set(tools)),
-        whole.joints(robot) if full or tools else None,
-        root.find(robot, root_height) if tools else None,
-    )
-
-
 def _one(
     path: Path,
-    follower: "Follower",
+    retargeter: "Retargeter",
     out: Path,
-    suffixes: list[str],
-    shape: _Shape,
-    fps: float | None,
-    tilt_max: float,
-    known: "How",
+    shape: "outputs.Shape",
+    read: dict[str, Any],
     how: dict[str, Any],
 ) -> dict[str, Any]:
     """Retarget one clip and write what came of it."""
+    from s3le.human.origin import about_clip
     from s3le.human.skeletons import read_frames
-    from s3le.motion import files, layouts, whole
-    from s3le.retarget import clip
-    from s3le.show import motions
-    from s3le.store import documents
+    from s3le.retarget import clip, outputs
 
-    how = how | {"about": how["about"] | motions.about_clip(path, out)}
-    frames = read_frames(path, follower.robot.neck, tilt_max, fps, how=known)
+    how = how | {"about": how["about"] | about_clip(path, out)}
+    frames = read_frames(path, retargeter.robot.neck, **read)
     for words in frames.reading.told if frames.reading else ():
         typer.echo(f"{path}: note: {words}", err=True)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:
-        made = clip.convert(follower, frames, **how, progress=progress)
-    summary, written, complete = made.summary, made.trajectory, None
-    if shape.whole is not None:
-        complete = whole.complete(made.trajectory, follower.robot, shape.whole)
-        written = complete if shape.full else written
-        summary = summary | {"whole": whole.tree(shape.whole)}
-    for suffix in suffixes:
-        files.write(written, out / f"{frames.name}{suffix}")
-    for tool in shape.tools:
-        to = out / f"{frames.name}{layouts.SUFFIX[tool]}"
-        numbered = whole.numbered(complete, shape.whole)
-        layouts.write(numbered, shape.base, summary["rate"], tool, to)
-    documents.write_json(summary, out / f"{frames.name}.json")
-    return summary
+        made = clip.convert(retargeter, frames, **how, progress=progress)
+    return outputs.write(made, retargeter.robot, out, shape).summary
 
 
 def _line(path: Path, summary: dict[str, Any]) -> str:

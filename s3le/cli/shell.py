@@ -11,8 +11,8 @@ import typer
 from s3le.errors import ParameterError, RobotError, S3leError
 
 if TYPE_CHECKING:  # for the reader; importing it takes a second
-    from s3le.following import Follower
     from s3le.human.keypoints.how import How
+    from s3le.retarget.stream import Retargeter
     from s3le.robot.robot import Robot
 
 OK, BROKEN, UNREADABLE = 0, 1, 2  # exit status
@@ -120,18 +120,18 @@ def velocities(given: list[str] | None) -> dict[str, float] | float | None:
     return named or None
 
 
-def follower(model: Path, method: str | None) -> "Follower":
+def retargeter(model: Path, method: str | None) -> "Retargeter":
     """The retargeter of a folder; says what a user waits for after a fresh installation.
 
     Raises:
-        S3leError: see following.load.
+        S3leError: see Retargeter.load.
     """
-    from s3le import following
     from s3le.kernels import compiled
+    from s3le.retarget.stream import Retargeter
 
     if Path(model).is_dir() and not compiled.stored("guard.frame"):
         typer.echo("compiling kernels, once for this installation: about a minute", err=True)
-    return following.load(model, method)
+    return Retargeter.load(model, method=method)
 
 
 def how(

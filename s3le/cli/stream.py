@@ -48,16 +48,16 @@ def stream(
     from s3le.retarget import live
 
     with shell.guarded():
-        follower = shell.follower(model, method)
+        retargeter = shell.retargeter(model, method)
         if listen is not None:
-            _listen(listen, lambda: live.Live(follower, rate, radians(tilt_max)))
+            _listen(listen, lambda: live.Live(retargeter, rate, radians(tilt_max)))
             return
 
         def say(line: str) -> None:
             sys.stdout.write(line + "\n")
             sys.stdout.flush()
 
-        begun = live.Live(follower, rate, radians(tilt_max))
+        begun = live.Live(retargeter, rate, radians(tilt_max))
         live.serve(begun, live.lines(sys.stdin.buffer), say)
 
 

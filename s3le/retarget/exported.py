@@ -14,13 +14,13 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from s3le.errors import BundleError, ParameterError, S3leError
+from s3le.errors import BundleError, ModelError, ParameterError, S3leError
 from s3le.retarget import encoder, propose
 from s3le.retarget.settings import Settings
-from s3le.retarget.stream import Retargeter
 from s3le.retarget.table import stored_poses
 from s3le.robot.robot import Robot
 from s3le.search import neighbours
@@ -103,20 +103,32 @@ def save(
     new.rename(folder)
 
 
-def load(folder: Path, changed: Mapping[str, object] | None = None) -> Retargeter:
-    """Read what `save` wrote, ready for its first frame.
+class Parts(NamedTuple):
+    """What a retargeter is made of."""
 
-    The first time after an installation this compiles the kernels, which takes about a minute.
+    robot: Robot
+    proposer: propose.Proposer
+    settings: Settings
+
+
+def load(
+    folder: Path, changed: Mapping[str, object] | None = None, method: str | None = None
+) -> Parts:
+    """Read what `save` wrote.
 
     Args:
         folder: where.
         changed: settings to change, by name.
+        method: refuse any other method than this; None: any.
 
     Raises:
+        ModelError: there is no such folder, or its method is another.
         BundleError: a piece is missing, damaged, or of another retargeter.
         ParameterError: a changed setting is unknown or out of range.
     """
     folder = Path(folder)
+    if not folder.is_dir():
+        raise ModelError(f"{folder} holds no retargeter; write one with: dvc repro export")
     try:
         about = documents.read_json(folder / ABOUT, "export")
         if about.get("format") != FORMAT:
@@ -130,9 +142,14 @@ def load(folder: Path, changed: Mapping[str, object] | None = None) -> Retargete
             raise BundleError(
                 f"{folder}: the robot is {it.tag!r}, the rest is for {about['robot']!r}"
             )
+        if method not in (None, about["method"]):
+            raise ModelError(
+                f"{folder} retrieves by '{about['method']}', not '{method}'; "
+                f"export another: dvc exp run -S export.method={method} export"
+            )
         settings = _settings(about["settings"], changed or {})
-        retargeter = Retargeter(it, _proposer(folder, it, about, settings), settings)
-    except (BundleError, ParameterError):
+        return Parts(it, _proposer(folder, it, about, settings), settings)
+    except (BundleError, ModelError, ParameterError):
         raise
     except S3leError as error:
         raise BundleError(f"{folder} cannot be used: {error}") from None
@@ -141,8 +158,6 @@ def load(folder: Path, changed: Mapping[str, object] | None = None) -> Retargete
             f"{folder / ABOUT} is incomplete ({type(error).__name__} {error}); "
             "write it with: dvc repro export"
         ) from None
-    retargeter.warm_up()
-    return retargeter
 
 
 def _proposer(folder: Path, it: Robot, about: dict, settings: Settings) -> propose.Proposer:

@@ -13,9 +13,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from s3le.errors import CertificateError, ClipError, ParameterError, S3leError
-from s3le.following import Follower
 from s3le.human import dataset
 from s3le.human.clip import FARTHEST
+from s3le.retarget.stream import Retargeter
 from s3le.skeleton import DIM, POINTS
 
 LONGEST_LINE = 65_536  # [bytes]
@@ -33,13 +33,13 @@ def lines(source: BinaryIO) -> Iterator[bytes]:
 
 
 class Live:
-    """Turns lines into lines; the robot's state is the follower's."""
+    """Turns lines into lines; the robot's state is the stream's."""
 
-    def __init__(self, follower: Follower, rate: float, tilt_max: float) -> None:
+    def __init__(self, retargeter: Retargeter, rate: float, tilt_max: float) -> None:
         """Begin a stream at the robot's anchor.
 
         Args:
-            follower: the retargeter.
+            retargeter: the one to follow the stream; every pose is checked.
             rate: frames per second of lines that do not say [Hz].
             tilt_max: frames whose torso leans farther are refused [rad]; only of "points".
 
@@ -48,15 +48,14 @@ class Live:
         """
         if not 0.1 <= rate <= 10_000.0:
             raise ParameterError(f"rate must be in [0.1, 10000] Hz, got {rate!r}")
-        self._follower, self._period, self._tilt = follower, 1.0 / rate, tilt_max
-        self._checker = follower.robot.certifier()
+        self._its, self._period, self._tilt = retargeter, 1.0 / rate, tilt_max
         self._time, self._owed, self._last_t, self._number = 0.0, 0.0, None, 0
         self._heading = 0.0  # [rad], of the last good line
-        follower.start(follower.robot.anchor)
+        self._stream = retargeter.start(retargeter.robot.anchor, check=True)
 
     def greeting(self) -> str:
         """The first line out: what the others will mean."""
-        robot = self._follower.robot
+        robot = self._its.robot
         return json.dumps(
             {
                 "robot": robot.name,
@@ -65,7 +64,7 @@ class Live:
                 "q": robot.anchor.tolist(),
                 "units": {"t": "s", "q": "rad", "heading": "rad", "clearance": "m"},
                 "margin": robot.margin,
-                "margin_between": self._follower.margin_between,
+                "margin_between": self._its.settings.between,
             }
         )
 
@@ -78,21 +77,20 @@ class Live:
         self._number += 1
         try:
             x, heading, dt = self._frame(line)
-            made = self._follower.step(x, dt)
+            made = self._stream.step(x, dt)
         except (S3leError, ValueError) as refusal:
             words = " ".join(str(refusal).split())[:500]
             return json.dumps({"line": self._number, "error": words})
         self._owed = 0.0
         self._time += dt
         self._heading = heading
-        report = self._checker.require(made.q[None], self._follower.robot.margin)
         return json.dumps(
             {
                 "t": round(self._time, 9),
                 "q": made.q.tolist(),
                 "heading": heading,
                 "mode": made.mode,
-                "clearance": float(report.clearance[0]),
+                "clearance": made.clearance,
             }
         )
 
@@ -151,7 +149,7 @@ class Live:
         points = _array(points, (len(POINTS), 3), "points")
         if not (np.abs(points) <= FARTHEST).all():
             raise ParameterError(f"points must lie within {FARTHEST:g} m")
-        kept = dataset.skeletons(points[None], self._follower.robot.neck, self._tilt)
+        kept = dataset.skeletons(points[None], self._its.robot.neck, self._tilt)
         if not len(kept.rows):
             cause = next(cause for cause, count in kept.dropped.items() if count)
             raise ClipError(f"this frame cannot be used ({cause})")

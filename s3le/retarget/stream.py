@@ -7,8 +7,8 @@ measured once more by the independent check before it counts. There is no input 
 unproven pose or step comes out: where nothing else can be proven, the robot holds.
 """
 
-import threading
 from collections.abc import Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,9 +16,8 @@ import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
-from s3le.retarget import guard
+from s3le.retarget import exported, guard
 from s3le.retarget.calm import calm, directions, middle
-from s3le.retarget.mode import Mode
 from s3le.retarget.propose import Proposer
 from s3le.retarget.refine import LOOKUP, NOTHING
 from s3le.retarget.settings import Settings
@@ -29,6 +28,23 @@ from s3le.skeleton import BONES, DIM
 
 SHORTEST = 1e-6  # [s], in less time nothing moves
 LONGEST = 1.0  # [s], a robot that was left alone for longer moves as if it had been this
+
+
+class Mode(StrEnum):
+    """How a row of a retargeted motion was obtained; every row is certified, whatever its mode."""
+
+    START = "start"  # the first pose; nothing leads to it
+    REFINED = "refined"  # the pose wanted, refined towards the human
+    LOOKUP = "lookup"  # the pose wanted, as it is stored
+    LIMITED = "limited"  # towards it, as far as the joints get in the time
+    SHORTENED = "shortened"  # the first part of a step whose whole could not be proven
+    DETOUR = "detour"  # another way, for the straight one could not be proven
+    HELD = "held"  # stands still: nothing else could be proven, or no time has passed
+    LEAD_IN = "lead_in"  # on the way from a given pose to the human's first
+    DROPPED = "dropped"  # the frame could not be used; towards the one before it
+    EASED = "eased"  # towards it, as far as the brake lets the joints go
+
+
 _HOW = {
     guard.EASED: Mode.EASED,
     guard.LIMITED: Mode.LIMITED,
@@ -48,18 +64,6 @@ class Step(NamedTuple):
     bound: float  # [m], proven of the path that leads to it
     distance: float  # mean cosine distance to the human as wanted; NaN: no human yet
     wanted: float  # the same of the pose that would have been the answer without the guard
-
-
-class Motion(NamedTuple):
-    """A retargeted motion, one entry a row."""
-
-    time: np.ndarray  # [s], (n,)
-    q: np.ndarray  # [rad], (n, n_dof)
-    mode: np.ndarray  # uint8 (n,), see Mode
-    clearance: np.ndarray  # [m], (n,), by the independent check
-    bound: np.ndarray  # [m], (n,), proven of the path from the row before
-    distance: np.ndarray  # (n,), mean cosine distance to the human
-    wanted: np.ndarray  # (n,), the same before the guard
 
 
 class Stream:
@@ -205,7 +209,7 @@ class Retargeter:
     """
 
     def __init__(self, robot: Robot, proposer: Proposer, settings: Settings) -> None:
-        """Join the parts; `s3le.retarget.exported.load` does it from a folder.
+        """Join the parts; `load` does it from a folder.
 
         Raises:
             ParameterError: settings do not fit the robot.
@@ -216,14 +220,32 @@ class Retargeter:
         self.cutoff = float(settings.cutoff) or np.inf
         self.quickness = float(settings.quickness)  # another type would be compiled anew
         self.swept = swept(robot.chain)
-        self._proposer, self._own = proposer, threading.local()
+        self._proposer = proposer
 
-    @staticmethod
-    def load(folder: Path, changed: Mapping[str, object] | None = None) -> "Retargeter":
-        """The retargeter that stage `export` wrote to a folder; see s3le.retarget.exported.load."""
-        from s3le.retarget import exported  # it imports this module
+    @classmethod
+    def load(
+        cls,
+        folder: Path,
+        changed: Mapping[str, object] | None = None,
+        method: str | None = None,
+    ) -> "Retargeter":
+        """The retargeter that a folder holds, ready for its first frame.
 
-        return exported.load(folder, changed)
+        The first time after an installation this compiles the kernels, which takes about a minute.
+
+        Args:
+            folder: written by stage `export`.
+            changed: settings to change, by name.
+            method: refuse any other method of look-up than this; None: any.
+
+        Raises:
+            BundleError: a piece is missing, damaged, or of another retargeter.
+            ModelError: there is none, or of another method.
+            ParameterError: a changed setting is unknown or out of range.
+        """
+        made = cls(*exported.load(folder, changed, method))
+        made.warm_up()
+        return made
 
     def warm_up(self) -> None:
         """Compile what a frame needs, or read it from the store, so that no frame waits for it.
@@ -242,74 +264,21 @@ class Retargeter:
         """Poses to start from [rad], (k, n_dof)."""
         return np.ascontiguousarray(self._proposer.propose(x), float)
 
-    def start(self, q: np.ndarray | None = None) -> Stream:
+    def start(self, q: np.ndarray | None = None, check: bool | None = None) -> Stream:
         """A new stream.
 
         Args:
             q: where the robot is [rad], (n_dof,); it moves from there (Mode.LEAD_IN). None: the
                 first pose is that of the first frame (Mode.START), and to be there is the
                 caller's business.
+            check: whether each pose is checked independently before it counts; None: as the
+                settings say.
 
         Raises:
             CertificateError: q is not feasible.
             ParameterError: q has another shape.
         """
-        return Stream(self, q, self.settings.check)
-
-    def step(self, x: np.ndarray | None, dt: float) -> Step:
-        """Stream.step of this thread's own stream, which begins with the first call."""
-        if not hasattr(self._own, "stream"):
-            self._own.stream = self.start()
-        return self._own.stream.step(x, dt)
-
-    def batch(
-        self,
-        x: np.ndarray,
-        times: np.ndarray,
-        q: np.ndarray | None = None,
-        lead_in: float = 0.0,
-    ) -> Motion:
-        """Retarget a whole motion; every pose is checked independently before any is returned.
-
-        Args:
-            x: skeletons, (n, 21); rows that cannot be used are dropped frames.
-            times: of the rows [s], (n,), rising.
-            q: pose that the robot starts from [rad]; None: the first usable frame's own.
-            lead_in: time before the motion in which the robot moves from q to its first frame
-                [s]; rows at the motion's mean rate are put in front for it.
-
-        Raises:
-            ParameterError: shapes differ, times do not rise, or no row can be used.
-            CertificateError: q is not feasible, or the independent check refuses a pose.
-        """
-        x, times = _motion(x, times)
-        usable = [_directions(self.robot, row) is not None for row in x]
-        if not any(usable):
-            raise ParameterError("a motion needs one frame with seven finite vectors")
-        first = int(np.argmax(usable))
-        if q is not None and lead_in > 0.0:
-            dt = float(np.median(np.diff(times))) if len(times) > 1 else 1.0 / 30.0
-            count = int(np.ceil(lead_in / dt - 1e-6))
-            times = np.concatenate([times[0] - dt * np.arange(count, 0, -1), times])
-            x = np.concatenate([np.repeat(x[first : first + 1], count, axis=0), x])
-            first = 0
-        stream = Stream(self, q, check=False)
-        rows = []
-        for i in range(len(x)):
-            dt = times[i] - times[i - 1] if i else 1.0 / 30.0
-            if stream.q is None and i < first:
-                rows.append(None)
-                continue
-            rows.append(stream.step(x[i], dt))
-        rows[:first] = [
-            row or rows[first]._replace(mode=Mode.DROPPED, distance=np.nan) for row in rows[:first]
-        ]
-        found = Motion(times, *map(np.array, zip(*[
-            (row.q, np.uint8(row.mode), row.clearance, row.bound, row.distance, row.wanted)
-            for row in rows
-        ], strict=True)))  # fmt: skip
-        report = self.robot.certifier().require(found.q, self.robot.margin)
-        return found._replace(clearance=report.clearance)
+        return Stream(self, q, self.settings.check if check is None else check)
 
 
 def _pose(q: np.ndarray, n_dof: int) -> np.ndarray:
@@ -317,17 +286,6 @@ def _pose(q: np.ndarray, n_dof: int) -> np.ndarray:
     if q.shape != (n_dof,):
         raise ParameterError(f"a pose must have shape ({n_dof},), got {q.shape}")
     return q
-
-
-def _motion(x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    x, times = np.asarray(x, float), np.asarray(times, float)
-    if x.ndim != 2 or x.shape[1] != DIM or times.shape != (len(x),) or not len(x):
-        raise ParameterError(
-            f"a motion needs skeletons (n, {DIM}) and n times, got {x.shape} and {times.shape}"
-        )
-    if not np.isfinite(times).all() or not (np.diff(times) >= SHORTEST).all():
-        raise ParameterError(f"the times of a motion must rise by {SHORTEST:g} s and more a row")
-    return x, times
 
 
 def _directions(robot: Robot, x: np.ndarray) -> np.ndarray | None:

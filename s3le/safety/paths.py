@@ -38,57 +38,6 @@ class Segments(NamedTuple):
     used: np.ndarray  # int64 (n,), poses looked at between the ends
 
 
-class Step(NamedTuple):
-    """What is known of one path; see Segments."""
-
-    status: int
-    bound: float  # [m]
-    until: float
-    t: float
-    pair: int
-    clearance: float  # [m]
-    used: int
-
-
-class Prover:
-    """Proves one path at a time, for use while a robot moves; holds scratch: one per thread."""
-
-    def __init__(self, robot: Robot, margin_between: float, budget: int = BUDGET) -> None:
-        """Make everything that does not depend on the poses.
-
-        Args:
-            machine: whose paths are proven.
-            margin_between: clearance to keep on the paths [m], above 0, at most machine.margin.
-            budget: most poses looked at between two ends, at least 0; it bounds the time taken.
-
-        Raises:
-            ParameterError: margin_between or budget is out of its range.
-        """
-        _check(robot, margin_between, budget)
-        self._chain = robot.chain
-        self._swept = swept(robot.chain)
-        self._scratch = segment.scratch(robot.chain)
-        self._margin, self._budget = float(margin_between), int(budget)
-
-    def step(self, q0: np.ndarray, q1: np.ndarray) -> Step:
-        """Prove the straight path from q0 to q1 [rad], each (n_dof,).
-
-        Raises:
-            ParameterError: a pose has another shape.
-        """
-        q0, q1 = np.ascontiguousarray(q0, float), np.ascontiguousarray(q1, float)
-        n_dof = len(self._chain.parent)
-        if q0.shape != (n_dof,) or q1.shape != (n_dof,):
-            raise ParameterError(
-                f"a step needs two poses of shape ({n_dof},), got {q0.shape} and {q1.shape}"
-            )
-        return Step(
-            *segment.prove(
-                self._chain, self._swept, self._scratch, q0, q1, self._margin, self._budget
-            )
-        )
-
-
 def certify(
     robot: Robot,
     q: np.ndarray,

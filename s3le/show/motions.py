@@ -4,7 +4,6 @@ A motion is read as `s3le audit` reads it. Between two of its rows the joints mo
 that is how a moment between them is shown; before the first and after the last row it stands.
 """
 
-import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ import numpy as np
 from s3le.errors import ClipError, TrajectoryError
 from s3le.human.keypoints import how as reading
 from s3le.human.keypoints.how import How
+from s3le.human.origin import CLIP, CLIP_HASH
 from s3le.human.read import digest
 from s3le.human.skeletons import read_frames
 from s3le.motion import files
@@ -21,7 +21,6 @@ from s3le.motion.trajectory import Trajectory
 from s3le.robot.robot import Robot
 
 ON_ROW = 1e-7  # [s], a moment this close to a row is that row
-CLIP, CLIP_HASH = "clip_file", "clip_sha256"  # keys of what a motion says about itself
 TILT_MAX = 89.0  # [deg]; what is shown is not what was fit to be followed
 LONGEST = 200_000  # moments of one film or viewing; an hour at 55 Hz
 
@@ -74,14 +73,6 @@ def named(shown: list[Shown]) -> list[Shown]:
     else:
         labels = [f"{s.label} ({i})" for i, s in enumerate(shown, 1)]
     return [s._replace(label=label) for s, label in zip(shown, labels, strict=True)]
-
-
-def about_clip(clip: Path, out: Path) -> dict[str, str]:
-    """What a motion file in folder out says of the clip that it was made from."""
-    return {
-        CLIP: Path(os.path.relpath(clip, out)).as_posix(),  # so that both can move together
-        CLIP_HASH: digest(clip),
-    }
 
 
 def recorded_clip(shown: Shown) -> tuple[Path | None, str]:

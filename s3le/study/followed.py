@@ -12,14 +12,12 @@ import numpy as np
 
 from s3le.errors import BundleError, CertificateError
 from s3le.kernels import batch
-from s3le.retarget.mode import Mode
+from s3le.retarget.follow import follow as loop
 from s3le.retarget.stream import Retargeter
 from s3le.robot.robot import Robot
 from s3le.safety import audit
 from s3le.skeleton import cosine_distance
 from s3le.types import Progress
-
-_FIRST = 1.0 / 30.0  # [s], given for the first frame of a stream, which does not depend on it
 
 
 class _Recorder:
@@ -37,12 +35,13 @@ class _Recorder:
 
 
 class _Given:
-    """A proposer of one pose, whatever it is asked."""
+    """A proposer of one pose after another, whatever it is asked."""
 
-    q: np.ndarray
+    def __init__(self, q: list[np.ndarray]) -> None:
+        self._left = iter(q)
 
     def propose(self, x: np.ndarray) -> np.ndarray:
-        return self.q[None]
+        return next(self._left)[None]
 
 
 def follow(
@@ -99,9 +98,8 @@ def follow(
 def _refined(
     retargeter: Retargeter, x: np.ndarray, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    stream = retargeter.start()
-    rows = [stream.step(*frame) for frame in zip(x, _steps(times), strict=True)]
-    return np.array([row.q for row in rows]), _words(rows)
+    made = loop(retargeter, x, times)
+    return made.q, made.mode
 
 
 def _looked_up(
@@ -109,23 +107,19 @@ def _looked_up(
 ) -> tuple[np.ndarray, np.ndarray]:
     # A first time through for what the look-up is asked and finds: one call a frame.
     recorder = _Recorder(retargeter)
-    _refined(Retargeter(retargeter.robot, recorder, retargeter.settings), x, times)
+    robot = retargeter.robot
+    loop(Retargeter(robot, recorder, retargeter.settings), x, times)
+    shown = [batch.skeletons(robot.chain, found) for found in recorder.found]  # (k, 21) each
+    nearest = [
+        int(np.argmin(cosine_distance(rows, asked[None], robot.followed)))
+        for rows, asked in zip(shown, recorder.asked, strict=True)
+    ]
     # What was asked has been through the filter, so that there is none the second time.
     settings = replace(retargeter.settings, cutoff=0.0, delay=False)
-    robot, given = retargeter.robot, _Given()
-    stream = Retargeter(robot, given, settings).start()
-    rows = []
-    for asked, found, dt in zip(recorder.asked, recorder.found, _steps(times), strict=True):
-        shown = batch.skeletons(robot.chain, found)  # (k, 21)
-        nearest = int(np.argmin(cosine_distance(shown, asked[None], robot.followed)))
-        given.q = found[nearest]
-        rows.append(stream.step(shown[nearest], dt))
-    return np.array([row.q for row in rows]), _words(rows)
-
-
-def _steps(times: np.ndarray) -> np.ndarray:
-    return np.concatenate([[_FIRST], np.diff(times)])
-
-
-def _words(rows: list) -> np.ndarray:
-    return np.array([Mode(row.mode).name.lower() for row in rows])
+    given = _Given([found[k] for found, k in zip(recorder.found, nearest, strict=True)])
+    made = loop(
+        Retargeter(robot, given, settings),
+        np.array([rows[k] for rows, k in zip(shown, nearest, strict=True)]),
+        times,
+    )
+    return made.q, made.mode

@@ -1,0 +1,157 @@
+"""The one loop over frames: a retargeter follows skeletons in time, from first to last."""
+
+import time as clock
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from s3le.errors import ParameterError
+from s3le.kernels import batch
+from s3le.retarget.stream import Mode, Step
+from s3le.robot.robot import Robot
+from s3le.skeleton import DIM
+from s3le.types import Progress
+
+LONGEST_LEAD_IN = 600.0  # [s]
+SHORTEST_STEP = 1e-6  # [s], in less time nothing moves
+
+
+class Streams(Protocol):
+    """What is asked of one robot in motion; s3le.retarget.stream.Stream does it."""
+
+    def step(self, x: np.ndarray | None, dt: float) -> Step:
+        """The next pose; see Stream.step."""
+
+
+class Follows(Protocol):
+    """What is asked of a retargeter; s3le.retarget.stream.Retargeter does it."""
+
+    robot: Robot
+
+    def start(self, q: np.ndarray | None = None) -> Streams:
+        """A new stream; see Retargeter.start."""
+
+
+class Followed(NamedTuple):
+    """A retargeted motion, one entry a row: those of the lead-in, then one a frame."""
+
+    time: np.ndarray  # [s], (n,)
+    q: np.ndarray  # [rad], (n, n_dof)
+    mode: np.ndarray  # str (n,), see Mode
+    clearance: np.ndarray  # [m], (n,), of the pose
+    bound: np.ndarray  # [m], (n,), proven of the path from the row before
+    distance: np.ndarray  # (n,), mean cosine distance to the human; NaN: no human yet
+    wanted: np.ndarray  # (n,), the same before the guard
+    seconds: np.ndarray  # [s], (n,), what each took; NaN: nothing was computed
+    clip_from: int  # first row that belongs to a frame
+    offset: float  # [s], time here minus time of the frames
+
+
+def follow(
+    retargeter: Follows,
+    x: np.ndarray,
+    times: np.ndarray,
+    *,
+    fps: float = 30.0,
+    start: np.ndarray | None = None,
+    lead_in: float = 0.0,
+    progress: Progress | None = None,
+) -> Followed:
+    """Let a retargeter follow skeletons.
+
+    Args:
+        retargeter: the one to follow them.
+        x: skeletons, (n, 21); rows that cannot be used are dropped frames.
+        times: of the rows [s], (n,), rising.
+        fps: rate of the rows that lead in [Hz], and of the first one.
+        start: pose that the robot starts from [rad], (n_dof,); None: the anchor if there is a
+            lead-in, else the first usable frame's own pose.
+        lead_in: time to move from there to the first frame [s]; 0: none.
+        progress: called with numbers of frames done.
+
+    Raises:
+        ParameterError: shapes differ, times do not rise, lead_in is negative or too long, or no
+            frame can be used.
+        S3leError: whatever the retargeter refuses.
+    """
+    if not 0.0 <= lead_in <= LONGEST_LEAD_IN:
+        raise ParameterError(f"lead-in must be in [0, {LONGEST_LEAD_IN:g}] s, got {lead_in!r}")
+    x, times = _motion(x, times)
+    robot = retargeter.robot
+    bones = robot.seen(x).reshape(-1, 7, 3)
+    usable = np.isfinite(bones).all(axis=(1, 2)) & (bones != 0.0).any(axis=2).all(axis=1)
+    if not usable.any():
+        raise ParameterError("a motion needs one frame with seven finite vectors")
+    first, own = int(np.argmax(usable)), times
+    rows: list[tuple[Step, float]] = []
+    lead = 0
+    if lead_in:
+        start = robot.anchor if start is None else np.asarray(start, float)
+        lead = max(1, round(lead_in * fps))
+        ahead = approach(batch.skeletons(robot.chain, start[None])[0], x[first], lead)
+        x = np.concatenate([ahead, x])
+        times = np.concatenate(
+            [np.arange(1, lead + 1), lead + 1 + (times - times[0]) * fps]
+        ) / fps  # fmt: skip
+        first = 0
+    stream = retargeter.start(start)
+    if lead:
+        rows.append((_standing(start), np.nan))
+    first = first if start is None else 0
+    previous = times[first] - 1.0 / fps
+    for i, (frame, now) in enumerate(zip(x[first:], times[first:], strict=True), first):
+        began = clock.perf_counter()
+        row = stream.step(frame, now - previous)
+        if i < lead:
+            row = row._replace(mode=Mode.LEAD_IN)
+        rows.append((row, clock.perf_counter() - began))
+        previous = now
+        if progress and i >= lead:
+            progress(1)
+    before = rows[0][0]._replace(mode=Mode.DROPPED, distance=np.nan)
+    rows = [(before, np.nan)] * first + rows
+    clip_from = lead + 1 if lead else 0
+    if lead:
+        times = np.concatenate([[0.0], times])
+    parts = zip(*[(*row, seconds) for row, seconds in rows], strict=True)
+    q, mode, clearance, bound, distance, wanted, seconds = map(np.array, parts)
+    offset = float(times[clip_from] - own[0]) if lead else 0.0
+    return Followed(
+        times, q, mode.astype(str), clearance, bound, distance, wanted, seconds, clip_from, offset
+    )
+
+
+def approach(x_from: np.ndarray, x_to: np.ndarray, count: int) -> np.ndarray:
+    """Skeletons that lead from one to another, slow at both ends, neither included, (count, 21).
+
+    Each bone turns through the plane of its two directions; one that must turn about goes by any.
+    """
+    s = np.arange(1, count + 1)[:, None, None] / (count + 1)
+    s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)  # least jerk
+    a, b = x_from.reshape(1, 7, 3), x_to.reshape(1, 7, 3)
+    angle = np.arccos(np.clip((a * b).sum(axis=2, keepdims=True), -1.0, 1.0))
+    aside = b - (a * b).sum(axis=2, keepdims=True) * a
+    least = np.abs(a).argmin(axis=2)[..., None]
+    other = np.cross(a, np.eye(3)[least[..., 0]])
+    aside = np.where(np.linalg.norm(aside, axis=2, keepdims=True) > 1e-6, aside, other)
+    aside = aside / np.linalg.norm(aside, axis=2, keepdims=True)
+    turned = np.cos(s * angle) * a + np.sin(s * angle) * aside
+    return (turned / np.linalg.norm(turned, axis=2, keepdims=True)).reshape(count, -1)
+
+
+def _standing(q: np.ndarray) -> Step:
+    """The row of a robot that stands where it was told to begin."""
+    return Step(np.array(q, float), Mode.START, np.nan, np.nan, np.nan, np.nan)
+
+
+def _motion(x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x, times = np.asarray(x, float), np.asarray(times, float)
+    if x.ndim != 2 or x.shape[1] != DIM or times.shape != (len(x),) or not len(x):
+        raise ParameterError(
+            f"a motion needs skeletons (n, {DIM}) and n times, got {x.shape} and {times.shape}"
+        )
+    if not np.isfinite(times).all() or not (np.diff(times) >= SHORTEST_STEP).all():
+        raise ParameterError(
+            f"the times of a motion must rise by {SHORTEST_STEP:g} s and more a row"
+        )
+    return x, times

@@ -1,0 +1,118 @@
+"""What is written of a retargeted clip: which files, which joints, which base, for which tools."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from s3le.errors import ParameterError
+from s3le.human.clip import clip_name
+from s3le.motion import files, layouts, root, whole
+from s3le.motion.root import Root
+from s3le.motion.whole import Whole
+from s3le.retarget.clip import Result
+from s3le.robot.robot import Robot
+from s3le.store import documents
+
+
+class Shape(NamedTuple):
+    """What all clips' files have in common."""
+
+    suffixes: list[str]
+    full: bool  # every joint of the URDF, held ones included
+    tools: list[str]  # of layouts.SUFFIX
+    whole: Whole | None  # None: neither is asked for
+    base: Root | None
+
+
+def shape(
+    robot: Robot,
+    *,
+    csv: bool = False,
+    npz: bool = False,
+    full: bool = False,
+    tools: Sequence[str] = (),
+    root_height: float | None = None,
+) -> Shape:
+    """Decide what is written; refuses what no clip could be written with.
+
+    Args:
+        robot: whose motions.
+        csv, npz: write these beside the Parquet.
+        full: a column for every joint of the URDF.
+        tools: also write what these read.
+        root_height: of the base link in the tools' files [m]; None: the robot stands on the ground.
+
+    Raises:
+        ParameterError: an unknown tool, a height without a tool, or beyond what a robot can be.
+        RobotError: a joint that is held stands outside its range.
+    """
+    tools = sorted(set(map(str, tools)))
+    if unknown := set(tools) - set(layouts.SUFFIX):
+        raise ParameterError(
+            f"no tool '{min(unknown)}'; there are: {', '.join(sorted(layouts.SUFFIX))}"
+        )
+    if root_height is not None and not tools:
+        raise ParameterError("--root-height is of the files that --for writes; give --for too")
+    return Shape(
+        [".parquet", *[".csv"] * csv, *[".npz"] * npz],
+        full,
+        tools,
+        whole.joints(robot) if full or tools else None,
+        root.find(robot, root_height) if tools else None,
+    )
+
+
+def refuse_overlap(paths: list[Path], out: Path, shape: Shape) -> None:
+    """Refuse clips whose files would be one another's, as those of `a` and `a.gmr`, or a clip.
+
+    Args:
+        paths: the clips.
+        out: folder of the results.
+        shape: what is written.
+
+    Raises:
+        ParameterError: two results, or a result and a clip, would be one file.
+    """
+    ends = [*shape.suffixes, ".json", *(layouts.SUFFIX[tool] for tool in shape.tools)]
+    ends += [f"{end}.json" for end in ends if end.endswith(".csv")]
+    writer: dict[str, Path] = {}
+    given = {path.resolve(): path for path in paths}
+    for path in paths:
+        for name in (clip_name(path) + end for end in ends):
+            if clip := given.get((out / name).resolve()):
+                raise ParameterError(f"{clip} is a clip, and would be replaced by a result of that "
+                                     "name; give another folder as --out")  # fmt: skip
+            if (other := writer.setdefault(name, path)) is not path:
+                raise ParameterError(f"{other} and {path} would both become {name}; write them "
+                                     "to two folders")  # fmt: skip
+
+
+def write(result: Result, robot: Robot, out: Path, shape: Shape) -> Result:
+    """Write a clip's motion and summary into a folder, each whole or not at all.
+
+    Args:
+        result: what became of the clip.
+        robot: whose motion it is.
+        out: folder.
+        shape: what is written.
+
+    Returns:
+        The result, its summary with what was said of the joints.
+
+    Raises:
+        TrajectoryError, OSError: a file cannot be written.
+    """
+    written, summary, complete = result.motion, result.summary, None
+    name = written.name
+    if shape.whole is not None:
+        complete = whole.complete(written, robot, shape.whole)
+        written = complete if shape.full else written
+        summary = summary | {"whole": whole.tree(shape.whole)}
+    for suffix in shape.suffixes:
+        files.write(written, out / f"{name}{suffix}")
+    for tool in shape.tools:
+        to = out / f"{name}{layouts.SUFFIX[tool]}"
+        numbered = whole.numbered(complete, shape.whole)
+        layouts.write(numbered, shape.base, summary["rate"], tool, to)
+    documents.write_json(summary, out / f"{name}.json")
+    return Result(result.motion, summary)
