@@ -99,7 +99,7 @@ def _table(sides: list[Side]) -> None:
             print(f"{a.name} {b.name}: no frame that both know")
             continue
         human = cosine_distance(a.human[i], b.human[j])
-        robot = cosine_distance(a[i], b[j])
+        robot = cosine_distance(a.robot[i], b.robot[j])
         means.append((human.mean(), np.median(human), robot.mean(), np.median(robot)))
         numbers = "".join(f"{v:{w}.4f}" for v, w in zip(means[-1], (11, 8, 9, 8), strict=True))
         print(f"{a.name + ' ' + b.name:26}{len(i):8}{numbers}")

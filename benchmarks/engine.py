@@ -60,7 +60,7 @@ def main(
 ) -> None:
     """Make the table as stage `sample` does; print what it took."""
     folder = Path(tempfile.mkdtemp(prefix="engine-")) if folder is None else folder
-    robot.write(Robot.from_file(robot, margin, "midpoint"), folder / "robot")
+    Robot.from_file(robot, margin, "midpoint").write(folder / "robot")
     task = TupleShards(
         files=Robot.read(folder / "robot").to_bytes(),
         seed=7,

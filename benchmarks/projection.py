@@ -56,7 +56,7 @@ def main(
     """Print how far, at what cost, and where the time goes; assert nothing."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "robot"
-        robot.write(Robot.from_file(robot, margin, "midpoint"), place)
+        Robot.from_file(robot, margin, "midpoint").write(place)
         if skip_feet:
             _without_feet(next(place.glob("*.urdf")))
         it = Robot.read(place)

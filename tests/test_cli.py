@@ -220,9 +220,9 @@ def test_a_robot_is_a_folder_a_file_or_a_name(tmp_path, monkeypatch):
 
     coman().write(tmp_path / "export" / "robot")
     for given in (tmp_path / "export", tmp_path / "export" / "robot", ROBOT[1], "coman"):
-        assert shell.robot(str(given)).robot.digest == coman().digest
+        assert shell.robot(str(given)).digest == coman().digest
     monkeypatch.chdir(tmp_path)
-    assert shell.robot(None).robot.name == "coman"
+    assert shell.robot(None).name == "coman"
     with pytest.raises(RobotError, match="no robot 'nobody'.* coman"):
         shell.robot("nobody")
 

@@ -222,7 +222,7 @@ def two_capsules(folder, A, B, r1, r2):
     B = B - made.joints[arm.joint].translation
     base, arm = base._replace(a=A[0], b=A[1], radius=r1), arm._replace(a=B[0], b=B[1], radius=r2)
     assert base.joint == -1 and made.joints[arm.joint].parent == -1
-    return replace(made, robot=replace(made, bodies=(base, arm, *others)))
+    return replace(made, bodies=(base, arm, *others))
 
 
 @pytest.mark.parametrize("kind", SEGMENT_PAIRS)

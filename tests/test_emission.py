@@ -82,7 +82,7 @@ def test_without_the_proof_of_cut_corners_collisions_get_in(arms, monkeypatch):
     honest = at_rate(arms, time, q, 30.0, BETWEEN)
     assert honest.kept == 1 and honest.corner.tolist() == [0, 1, 2]
     monkeypatch.setattr(
-        "s3le.motion.rates.segments.certify",
+        "s3le.motion.rates.paths.certify",
         lambda _, q, __: type("Blind", (), {"status": np.full(len(q) - 1, CERTIFIED)}),
     )
     blind = at_rate(arms, time, q, 30.0, BETWEEN)

@@ -56,7 +56,7 @@ APART = [
     ("s3le/onboard/", {"torch", "matplotlib"}),
     ("s3le/kernels/", {"torch", "matplotlib"}),
     ("s3le/safety/", {"torch", "matplotlib"}),
-    ("s3le/search/", {"torch", "polars", "matplotlib"}),
+    ("s3le/search/", {"torch", "matplotlib"}),
     ("s3le/human/", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
     ("s3le/report/", {"torch", "numba", "pinocchio", "coal"}),
     ("s3le/tuples/", {"torch", "matplotlib"}),

@@ -311,7 +311,7 @@ def test_times_say_on_which_machine_and_whether_of_this_robot():
         ("[" * 100_000, "is not JSON"),
         ("[]", "holds no JSON object"),
         ("{}", "format must be 1"),
-        (json.dumps(latency(robot=3)), "'machine' must be text"),
+        (json.dumps(latency(machine=3)), "'machine' must be text"),
         (json.dumps(latency(pairs=-1)), "'pairs' must be a count"),
         (json.dumps(latency(rows=[])), "'rows' must be a list"),
         (json.dumps(latency(rows=[{"part": "x", "calls": 1, "us_p50": 2, "us_p99": 1,

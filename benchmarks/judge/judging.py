@@ -57,7 +57,7 @@ class Judge:
         """Measure the robot.
 
         Args:
-            machine: the robot; of it are used the URDF, what is watched, and sizes of bodies.
+            robot: of it are used the URDF, what is watched, and sizes of bodies.
             promise: what its steps are held to.
             engine: measures distances.
         """

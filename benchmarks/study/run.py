@@ -141,7 +141,7 @@ def perform(run: Run, clone: Path, commit: str) -> list[dict[str, Any]]:
         "seconds": round(time.perf_counter() - began),
         "commit": commit[:12],
         "date": datetime.now(UTC).date().isoformat(),
-        "machine": robot(),
+        "machine": machine(),
         "changed": json.dumps({k: v for k, v in run.changed.items() if k != "clips_mirror"}),
     }
     rows = []
@@ -159,7 +159,7 @@ def perform(run: Run, clone: Path, commit: str) -> list[dict[str, Any]]:
     return rows
 
 
-def robot() -> str:
+def machine() -> str:
     """What the trainings ran on."""
     if torch.cuda.is_available():
         return torch.cuda.get_device_name()

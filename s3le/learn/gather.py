@@ -24,7 +24,7 @@ def gather(
     """Training data from the columns of mocap_pairs, robot_poses, mocap_domain, kinematic_pairs.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         pairs, poses, domain: see above.
         sampled: kinematic tuples; None for the baselines, which do not use them.
     """

@@ -41,7 +41,7 @@ def stored(
     The latent of an entry without a model is the pose's skeleton itself.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         entry: the row of the comparison.
         tables: columns of the tables that are stored, by name, in the order of the rows.
         model: the trained model's file; None for an entry without one.

@@ -37,7 +37,7 @@ def at_rate(
     """Sample a motion at a rate.
 
     Args:
-        machine: whose motion it is.
+        robot: whose motion it is.
         time: of the poses, rising [s], (n,).
         q: poses whose straight paths are certified [rad], (n, n_dof).
         rate: rows per second [Hz], in RATES.
@@ -56,7 +56,7 @@ def evenly(
     """Sample a motion at a rate, with no row between two of the rate's.
 
     Args:
-        machine, time, q, margin_between: see at_rate.
+        robot, time, q, margin_between: see at_rate.
         rate: rows per second [Hz], any that check_rate or the clip's own reader lets pass.
 
     Raises:

@@ -38,7 +38,7 @@ def survey(robot: Robot, poses: int) -> Survey:
     """Look at random poses; the same ones each time.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         poses: how many.
     """
     q = sense.poses(robot, poses)
@@ -77,7 +77,7 @@ def lines(robot: Robot, found: Survey, every: bool) -> list[str]:
     """The report as text.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         found: what survey found.
         every: list pairs by name even where there are many.
     """

@@ -1,7 +1,7 @@
 """A retargeter as a folder that stands by itself: robot, poses, weights, settings, hashes.
 
     retargeter.json     method, settings, the robot's tag, SHA-256 of every other file
-    robot/              as s3le.machine writes it
+    robot/              as Robot.write writes it
     poses.parquet       table stored_poses; none for a decoder
     neighbours          what finds them (s3le.search.neighbours); none for a decoder
     model.safetensors   weights; none where the skeleton itself is searched

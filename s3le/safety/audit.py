@@ -94,8 +94,8 @@ def demands(
     """Demands that fit a robot; what is not given is the robot's own.
 
     Args:
-        machine: the robot.
-        margin: [m]; machine.margin if None.
+        robot: the robot.
+        margin: [m]; robot.margin if None.
         margin_between: [m]; a quarter of margin if None.
         velocity: one limit for all joints, or some by name, instead of the URDF's [rad/s].
         budget: see segments.certify.
@@ -139,7 +139,7 @@ def audit(
     """Check a trajectory, pose by pose and path by path.
 
     Args:
-        machine: whose trajectory it is.
+        robot: whose trajectory it is.
         time: rising [s], (n,).
         q: poses [rad], (n, n_dof), n at least 1.
         wanted: what is asked of it.

@@ -51,9 +51,9 @@ def certify(
     threads share the work.
 
     Args:
-        machine: whose trajectory it is.
+        robot: whose trajectory it is.
         q: poses [rad], (n, n_dof), n at least 1.
-        margin_between: clearance to keep on the paths [m], above 0, at most machine.margin.
+        margin_between: clearance to keep on the paths [m], above 0, at most robot.margin.
         budget: most poses looked at between two ends, at least 0.
         progress: called with numbers of further paths done.
 

@@ -41,7 +41,7 @@ def stored(
     """Retarget every frame by itself: by the nearest stored pose, or by the decoder.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         entry: the row of the comparison.
         human: skeletons of the test frames, (n, 21).
         pool: columns of table index; None for an entry that decodes.
@@ -73,7 +73,7 @@ def followed(
     """Retarget every motion as a stream, with what stage `export` wrote; see s3le.study.followed.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         name: entry of the comparison, one that is online.
         folder: the exported retargeter.
         frames: columns of table skeletons, test frames only.
@@ -107,7 +107,7 @@ def judge(
     """Check and score what came out.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         name, entry: the row of the comparison.
         frames: columns of table skeletons, test frames only.
         truth: columns of table ground_truth, one row for each of them, in the same order.

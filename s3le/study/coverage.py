@@ -86,7 +86,7 @@ def draw_pool(
     """Draw relaxed poses, project them, certify them.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         sampler: one of samplers.SAMPLERS.
         rows: relaxed poses to draw; fewer rows are the first of more rows.
         alpha: relaxation of the joint ranges [-].
@@ -140,7 +140,7 @@ def compare(
     sizes. Deterministic by seed, whatever the number of threads.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         humans: split -> skeletons that no sampler has seen, (m, 21).
         names: samplers to compare.
         sizes: row counts, at least 1 each.
@@ -186,7 +186,7 @@ def table(
     """All samplers, alone and with IK pairs beside them, and the pairs alone.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         frames: columns of table skeletons; the clips not trained on are the people.
         pairs: skeletons of the poses that inverse kinematics found, (k, 21).
         rows: poses of each sampler.

@@ -59,7 +59,7 @@ def between(
     those that `s3le audit` asks for where nothing else is said.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         frames: columns clip, frame and time [s], (n,), in order.
         q: poses [rad], (n, n_dof).
         report: the independent check of these poses.

@@ -56,7 +56,7 @@ def follow(
     """Follow every motion from its own first pose on; refuse what does not hold.
 
     Args:
-        machine: the robot that the motions are for.
+        robot: the robot that the motions are for.
         retargeter: the one to follow them.
         clips: name of each frame's motion, (n,); the frames of one stand together.
         times: of the frames in their motion [s], (n,).

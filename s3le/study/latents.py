@@ -22,7 +22,7 @@ def spaces(
     A latent space is shown in the two directions in which the latents of robot poses vary most.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         frames: columns of table skeletons.
         truth: columns of table ground_truth, one row for each test frame, in the same order.
         poses: columns of table robot_poses.

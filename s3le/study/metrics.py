@@ -21,7 +21,7 @@ def merge(
     """Put the stages' figures together.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         clips: value of the parameter.
         counts: by stage: skeletons, pair, sample, poses.
         truth: columns of table ground_truth.

@@ -52,7 +52,7 @@ def strip(
     """Rows of the strip: the human, the ground truth, then each method.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         frames: columns of table skeletons.
         rows: which of them to show.
         truth: columns of table ground_truth.

@@ -17,7 +17,7 @@ def certificate(
     """The certificate columns of feasible poses.
 
     Args:
-        machine: whose poses they are.
+        robot: whose poses they are.
         q: poses [rad], (n, n_dof).
         progress: called with numbers of rows done.
         checker: one of this thread's own; None: a fresh one.

@@ -23,7 +23,7 @@ def relaxed_poses(
     range least: the same pose, nearest to what the robot can do.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         x: human skeletons, (n, 21).
         ridge: weight of the pull towards mid-range, > 0.
         progress: called with numbers of rows done.
@@ -66,7 +66,7 @@ def ground_truth(
     Starts are the anchor, the projection of the relaxed solution, and feasible random poses.
 
     Args:
-        machine: the robot.
+        robot: the robot.
         x: human skeletons, (n, 21).
         starts: number of starts, at least 2.
         ridge: weight of the pull towards mid-range, > 0.

@@ -21,7 +21,7 @@ def pair(
     """Tuples (x~, x-bar, q~, q-bar) from the frames of training clips (Sec. IV-B).
 
     Args:
-        machine: the robot.
+        robot: the robot.
         frames: columns of table skeletons; `count` of its training frames are taken, evenly.
         count: tuples wanted; all training frames where there are fewer.
         ridge: see retargeting.relaxed_poses.

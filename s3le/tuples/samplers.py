@@ -87,7 +87,7 @@ def draw(
 
     Args:
         name: one of SAMPLERS.
-        machine: the robot.
+        robot: the robot.
         lower, upper: the box to draw from [rad], (n_dof,) each; see sampling.relaxed_limits.
         first: number of the shard's first row among the rows of all shards, at least 0; only
             `quasi` looks at it, to go on where the shard before ended.

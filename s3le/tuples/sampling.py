@@ -87,7 +87,7 @@ def tuples(
     """Complete relaxed poses to tuples: project them, read skeletons, mix (Sec. IV-C).
 
     Args:
-        machine: the robot.
+        robot: the robot.
         q_relaxed: q~ [rad], (n, n_dof).
         mix: share of x~ in x', (n,).
         renormalise: see mixup.
