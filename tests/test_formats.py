@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from worlds import ARMS_URDF, ARMS_YAML, MARGIN, ROBOTS, coman, edited, write_arms
 
 from s3le.cli.main import app
-from s3le.cli.retarget import Tool
+from s3le.cli.options import Tool
 from s3le.errors import ParameterError, RobotError, S3leError, TrajectoryError
 from s3le.human.rotation import about, from_quaternion
 from s3le.human.skeletons import read_frames

@@ -407,7 +407,7 @@ def test_hostile_names_stay_words():
     text = page_of(
         tree, {HOSTILE: [{"step": 1, HOSTILE: 1.0}]}, motions=rows, unwatched=[(HOSTILE,) * 4],
         knobs=[parameters.Parameter(HOSTILE, HOSTILE, HOSTILE)],
-        latency=latency(robot=HOSTILE, settings={HOSTILE: 1}, modes={HOSTILE: 0.5}),
+        latency=latency(machine=HOSTILE, settings={HOSTILE: 1}, modes={HOSTILE: 0.5}),
         robot_tag=HOSTILE,
     )  # fmt: skip
     text.encode("utf-8")
