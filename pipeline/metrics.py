@@ -1,4 +1,4 @@
-"""Stage `metrics`: every stage's figures -> reports/metrics.json, methods.csv, motions.csv."""
+"""Stage `metrics`: every stage's figures -> reports/metrics.json and run.json, two tables."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,8 @@ from s3le.tables.ground_truth import ground_truth
 ROBOT = Path("data/robot")
 COUNTS = Path("data/counts")
 TRUTH = Path("data/ground_truth.parquet")
-OUT = Path("reports/metrics.json")
+OUT = Path("reports/metrics.json")  # the few that runs are compared by
+RUN = Path("reports/run.json")  # all of them
 COVERAGE = Path("reports/coverage.csv")
 METHODS = Path("reports/methods.csv")
 MOTIONS = Path("reports/motions.csv")
@@ -40,7 +41,8 @@ def main() -> None:
         store.read_csv(COVERAGE, "coverage"),
         store.read_json(COUNTS / "synthetic.json", "synthetic"),
     )
-    store.write_json(tree, OUT)
+    store.write_json(tree, RUN)
+    store.write_json(metrics.compared(tree), OUT)
     store.write_csv(table, METHODS)
     store.write_csv(motions, MOTIONS)
     for split, part in tree["splits"].items():

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
 from s3le import machine, pairing, splits, store
+from s3le.kernels.batch import PROJECTIONS
 from s3le.tables.mocap_pairs import mocap_pairs
 from s3le.tables.skeletons import SKELETONS
 
@@ -20,6 +21,7 @@ class Params:
     """How many tuples, and how the pose is settled."""
 
     section: ClassVar[str] = "pair"
+    projection: str = knob("how Proj_Q works", one_of=PROJECTIONS, shared=True)
     rows: int = knob("tuples to make", at_least=1)
     ridge: float = knob("pull towards mid-range [-]", at_least=1e-9, at_most=1)
 
@@ -31,7 +33,9 @@ def main() -> None:
     frames = store.read(SKELETONS, SKELETON_ROWS)
     count = len(splits.train_rows(frames, params.rows))
     with bar(2 * count, "mocap pairs") as progress:
-        columns, counts = pairing.pair(robot, frames, count, params.ridge, progress)
+        columns, counts = pairing.pair(
+            robot, frames, count, params.ridge, progress, params.projection
+        )
     table = mocap_pairs(robot.robot.n_dof, robot.margin)
     store.write(columns, table, OUT, robot.tag)
     store.write_json(counts, COUNTS)

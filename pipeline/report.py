@@ -1,4 +1,4 @@
-"""Stage `report`: metrics and tables -> reports/report.html, and its pictures beside it."""
+"""Stage `report`: figures and tables -> reports/report.html, and its pictures beside it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +38,7 @@ def main() -> None:
     params = read(Params)
     robot = machine.read(ROBOT)
     n_dof = robot.robot.n_dof
-    tree = store.read_json(REPORTS / "metrics.json", "metrics")
+    tree = store.read_json(REPORTS / "run.json", "metrics")
     motions = store.read_csv(REPORTS / "motions.csv", "metrics")
     histories = {
         name: store.read_csv(REPORTS / "training" / f"{name}.csv", f"train@{name}")

@@ -8,6 +8,7 @@ from pipeline.stage import knob, launch, read, say, shards_bar
 from s3le import machine, store
 from s3le.certified import projection_summary
 from s3le.engine import run
+from s3le.kernels.batch import PROJECTIONS
 from s3le.samplers import SAMPLERS
 from s3le.shards import DEVICES, TupleShards
 
@@ -23,6 +24,7 @@ class Params:
     section: ClassVar[str] = "sample"
     alpha: float = knob("joint-limit relaxation [-]", at_least=0, at_most=10, shared=True)
     seed: int = knob("root of every random stream", at_least=0, shared=True)
+    projection: str = knob("how Proj_Q works", one_of=PROJECTIONS, shared=True)
     shard_rows: int = knob("rows of a shard", at_least=1, at_most=10_000_000, shared=True)
     device: str = knob("what projects", one_of=DEVICES, shared=True)
     executor: str = knob("who makes the shards", one_of=run.EXECUTORS, shared=True)
@@ -44,6 +46,7 @@ def main() -> None:
         seed=params.seed,
         shard_rows=params.shard_rows,
         device=params.device,
+        projection=params.projection,
     )
     where = run.Where(
         executor=params.executor,

@@ -17,6 +17,7 @@ def pair(
     count: int,
     ridge: float,
     progress: Progress | None = None,
+    projection: str = "nearest",
 ) -> tuple[Columns, dict]:
     """Tuples (x~, x-bar, q~, q-bar) from the frames of training clips (Sec. IV-B).
 
@@ -26,6 +27,7 @@ def pair(
         count: tuples wanted; all training frames where there are fewer.
         ridge: see retargeting.relaxed_poses.
         progress: called with numbers of rows done, twice a row (solved, certified).
+        projection: one of kernels.batch.PROJECTIONS.
 
     Returns:
         Pair (columns of table mocap_pairs, counts for the metrics).
@@ -37,7 +39,9 @@ def pair(
     train = train_rows(frames, count)
     x = frames["x"][train]
     q_relaxed, residual = retargeting.relaxed_poses(machine, x, ridge, progress)
-    projected = batch.project(machine.chain, machine.robot.anchor, q_relaxed, machine.margin)
+    projected = batch.project(
+        machine.chain, machine.robot.anchor, q_relaxed, machine.margin, kind=projection
+    )
     columns = {
         "clip": frames["clip"][train],
         "frame": frames["frame"][train],

@@ -76,18 +76,25 @@ def mixup(
     return mixed
 
 
-def projector(machine: Machine, device: str) -> Project:
+def projector(machine: Machine, device: str, kind: str = "nearest") -> Project:
     """Proj_Q for whole batches: on the processors ("cpu"), or on a GPU ("cuda").
+
+    Args:
+        machine: the robot.
+        device: where.
+        kind: one of kernels.batch.PROJECTIONS.
 
     Raises:
         ParameterError: there is no such device.
     """
     robot = machine.robot
     if device == "cpu":
-        return lambda q: batch.project(machine.chain, robot.anchor, q, machine.margin)
+        return lambda q: batch.project(machine.chain, robot.anchor, q, machine.margin, kind=kind)
     from s3le.gpu import batch as on_gpu  # torch takes seconds to import
 
-    return lambda q: on_gpu.project(machine.chain, robot.anchor, q, machine.margin, device)
+    return lambda q: on_gpu.project(
+        machine.chain, robot.anchor, q, machine.margin, device, kind=kind
+    )
 
 
 def device_name(device: str) -> str:

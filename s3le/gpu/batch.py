@@ -22,7 +22,7 @@ from s3le.gpu import distance, kinematics
 from s3le.gpu.chain import Solid, put
 from s3le.gpu.fuse import fusing
 from s3le.gpu.project import project as project_rows
-from s3le.kernels.batch import Progress, Projection
+from s3le.kernels.batch import PROJECTIONS, Progress, Projection
 from s3le.kernels.chain import Chain
 
 # Rows of a chunk: enough to fill a large GPU while the last hard rows of a projection are few
@@ -93,6 +93,7 @@ def project(
     margin: float,
     device: str,
     progress: Progress | None = None,
+    kind: str = "nearest",
     *,
     rows: int | None = None,
     fuse: bool = False,
@@ -108,11 +109,14 @@ def project(
         q: relaxed poses [rad], (n, n_dof), finite.
         margin: clearance wanted [m].
         device, progress, rows, fuse: as skeletons.
+        kind: one of kernels.batch.PROJECTIONS.
 
     Raises:
         ParameterError: q or the anchor has another shape, a row of q is not finite, rows is not
-            positive, or there is no such device.
+            positive, or there is no such device or kind.
     """
+    if kind not in PROJECTIONS:
+        raise ParameterError(f"projection must be one of {', '.join(PROJECTIONS)}, got {kind!r}")
     solid, q = put(chain, device), _poses(chain, q)
     if not np.isfinite(q).all():
         row = int(np.argmin(np.isfinite(q).all(axis=1)))
@@ -124,7 +128,7 @@ def project(
     out, how = np.empty_like(q), np.empty(len(q), np.uint8)
 
     def work(part: Tensor, at: slice) -> None:
-        found, code = project_rows(solid, goal, margin, part)
+        found, code = project_rows(solid, goal, margin, part, kind == "nearest")
         out[at] = found.T.cpu().numpy()
         how[at] = code.cpu().numpy()
 

@@ -45,7 +45,9 @@ class _State(NamedTuple):
     radius: Tensor  # [rad], (rows,), of the trust region
 
 
-def project(solid: Solid, anchor: Tensor, margin: float, q: Tensor) -> tuple[Tensor, Tensor]:
+def project(
+    solid: Solid, anchor: Tensor, margin: float, q: Tensor, solve: bool = True
+) -> tuple[Tensor, Tensor]:
     """The nearest feasible pose found for each pose, and how it came about.
 
     Two starts: the pose clipped to its limits, and the feasible pose that blending leads to. The
@@ -56,6 +58,7 @@ def project(solid: Solid, anchor: Tensor, margin: float, q: Tensor) -> tuple[Ten
         anchor: a feasible pose [rad], (n, 1).
         margin: clearance wanted [m].
         q: relaxed poses [rad], (n, rows), finite.
+        solve: False: the blended pose is the answer wherever one is needed.
 
     Returns:
         Poses [rad], (n, rows), and kernels.batch's code of each, uint8 (rows,).
@@ -68,6 +71,10 @@ def project(solid: Solid, anchor: Tensor, margin: float, q: Tensor) -> tuple[Ten
         return torch.where(inside, q, out), how
     want, clipped = q.index_select(1, hit), out.index_select(1, hit)
     back, safe = blend(solid, anchor, margin, clipped)
+    if not solve:
+        out.index_copy_(1, hit, back)
+        how.index_fill_(0, hit, FALLBACK)
+        return torch.where(how == SAME, q, out), how
     # Both starts of all rows are one batch; a start that is not feasible is not worth a second.
     second = safe.nonzero()[:, 0]
     starts = torch.cat([clipped, back.index_select(1, second)], dim=1)
