@@ -240,6 +240,17 @@ def test_a_robot_on_a_tilted_base_is_projected(tmp_path):
     assert far(found.q, q).mean() <= 1.001 * far(theirs.q, q).mean()
 
 
+def test_blending_is_the_same_rule_as_on_the_processors():
+    made = coman()
+    q = relaxed(made, 200, 31, 0.5)
+    found = project(made, q, kind="blend")
+    theirs = batch.project(made.chain, made.robot.anchor, q, MARGIN, kind="blend")
+    np.testing.assert_allclose(found.q, theirs.q, atol=1e-12)
+    assert (found.how == theirs.how).all() and (found.how == FALLBACK).any()
+    with pytest.raises(ParameterError, match="must be one of nearest, blend"):
+        project(made, q, kind="blended")
+
+
 def test_a_feasible_pose_comes_back_to_the_bit():
     made = coman()
     q = inside_limits(made, 400, 23)
