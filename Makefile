@@ -28,7 +28,7 @@ test: setup
 
 # The pipeline by what is printed in the paper (profiles/paper.yaml). ARGS="-S clips=cmu"
 paper: setup
-	@$(RUN) python benchmarks/study/profiles.py paper $(ARGS)
+	@$(RUN) python benchmarks/study/by_profile.py paper $(ARGS)
 
 # Resumable; without a GPU it takes hours and goes on in the background.
 # ARGS="--only cmu --set clips_mirror=/a/mirror/of/cmu"

@@ -20,11 +20,11 @@ READERS = [
 @pytest.fixture
 def profiles(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks/study"))
-    sys.modules.pop("profiles", None)
-    import profiles
+    sys.modules.pop("by_profile", None)
+    import by_profile
 
-    yield profiles
-    sys.modules.pop("profiles", None)
+    yield by_profile
+    sys.modules.pop("by_profile", None)
 
 
 def default(key):

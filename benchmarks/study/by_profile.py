@@ -1,6 +1,6 @@
 """`make paper`: run the pipeline by a profile, a list of parameters that differ from params.yaml.
 
-    python benchmarks/study/profiles.py paper [-S clips=cmu] [STAGE ...]
+    python benchmarks/study/by_profile.py paper [-S clips=cmu] [STAGE ...]
 
 It is `dvc exp run` with the profile's keys, and what follows its name goes to that command too.
 Back to the default: `git checkout params.yaml && dvc repro`, which finds its results in the cache.
