@@ -80,6 +80,7 @@ def main() -> None:
         knobs=parameters.read(PARAMS),
         latency=records.latency(LATENCY),
         robot_tag=robot.tag,
+        grid=store.read_csv(REPORTS / "grid.csv", "grid"),
         video=(records.figure(VIDEO / "figure.json"), embed.read(VIDEO / "figure.png")),
     )
     store.write_text(text, OUT)
