@@ -60,12 +60,16 @@ def test_an_unknown_experiment_is_refused_by_name(study):
         list(study.planned(["cum"], {}))
 
 
-def test_a_seed_moves_data_and_start_and_a_profile_comes_first(study):
+def test_a_seed_moves_data_and_start_and_a_profile_is_the_ground(study):
     paper = list(study.planned(["paper"], {"clips_mirror": "/x"}))
     seeds = [(run.changed["seed"], run.changed["train.seed"]) for run in paper]
     assert seeds == [(1, 1), (2, 2), (3, 3)]
     assert paper[0].changed["s3le.adversary_rate"] == 0.001 and paper[0].grid
     assert "lwl2_all" in paper[0].entries and "/x" not in paper[0].told()
+    given = next(study.planned(["paper"], {"tau": 0.3})).changed
+    assert given["tau"] == 0.3 and given["projection"] == "blend"  # what is asked for goes first
+    ablated = study.planned(["ablations"], {"tau": 0.3})
+    assert {run.changed["tau"] for run in ablated if run.row == "tau 0.5"} == {0.5}
 
 
 def test_what_is_recorded_is_there_once(study):

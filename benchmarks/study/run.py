@@ -70,7 +70,7 @@ def planned(only: list[str], extra: dict[str, Any]) -> Iterator[Run]:
             continue
         shared = by_profile.changes(what["profile"]) if "profile" in what else {}
         for seed, (row, own, entries) in itertools.product(what["seeds"], tries(what)):
-            changed = {"clips": what["clips"], "clips_missing": "skip"} | extra | shared
+            changed = {"clips": what["clips"], "clips_missing": "skip"} | shared | extra
             changed |= what.get("all", {}) | own | {"seed": seed, "train.seed": seed}
             yield Run(name, row, seed, entries, changed, what.get("grid", False))
 
