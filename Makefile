@@ -1,8 +1,9 @@
 # Two commands: `make repro` runs the whole pipeline, `make test` runs the tests.
 # `make video` sets up the pose estimator of `s3le video`, `make videos` fetches videos to try.
 # `make report` runs as much of the pipeline as the page that reads a run needs.
-# `make study` repeats the trainings behind reports/study, `make judge` the independent judgement
-# behind reports/judge.
+# `make paper` runs the pipeline by what is printed in the paper.
+# `make study` repeats the trainings behind reports/study, `make search` searches settings for each
+# method on a validation set, `make judge` makes the independent judgement behind reports/judge.
 # All set up .venv by themselves; PIP_ARGS is passed to every pip call.
 PYTHON ?= python3
 PIP_ARGS ?=
@@ -10,7 +11,7 @@ VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro report test study judge video videos setup lint lock
+.PHONY: repro report test paper study search judge video videos setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
@@ -25,10 +26,18 @@ test: setup
 	@$(RUN) ruff check .
 	@$(RUN) OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
+# The pipeline by what is printed in the paper (profiles/paper.yaml). ARGS="-S clips=cmu"
+paper: setup
+	@$(RUN) python benchmarks/study/by_profile.py paper $(ARGS)
+
 # Resumable; without a GPU it takes hours and goes on in the background.
 # ARGS="--only cmu --set clips_mirror=/a/mirror/of/cmu"
 study: setup
 	@$(RUN) python benchmarks/study/run.py $(ARGS)
+
+# The same settings' budget for each method, on a validation set; resumable, in the background.
+search: setup
+	@$(RUN) python benchmarks/study/search.py $(ARGS)
 
 # Resumable; a million steps take hours. ARGS="--help" says what can be chosen.
 judge: setup

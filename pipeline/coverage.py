@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from pipeline.stage import bar, knob, launch, read
 from s3le.human.tables import SKELETONS
+from s3le.kernels.batch import PROJECTIONS
 from s3le.robot.robot import Robot
 from s3le.store import documents, tables
 from s3le.study import coverage
@@ -24,6 +25,7 @@ class Params:
     section: ClassVar[str] = "coverage"
     alpha: float = knob("joint-limit relaxation [-]", at_least=0, at_most=10, shared=True)
     seed: int = knob("root of every random stream", at_least=0, shared=True)
+    projection: str = knob("how Proj_Q works", one_of=PROJECTIONS, shared=True)
     rows: int = knob("poses of each sampler", at_least=1, at_most=2_000_000)
 
 
@@ -36,7 +38,14 @@ def main() -> None:
     frames = tables.read(SKELETONS, DATA / "skeletons.parquet")
     with bar(2 * len(SAMPLERS) * params.rows, "coverage") as progress:
         rows = coverage.table(
-            robot, frames, pairs["x_feasible"], params.rows, params.alpha, params.seed, progress
+            robot,
+            frames,
+            pairs["x_feasible"],
+            params.rows,
+            params.alpha,
+            params.seed,
+            progress,
+            params.projection,
         )
     documents.write_csv(rows, OUT)
 

@@ -1,4 +1,4 @@
-"""Stage `metrics`: every stage's figures -> reports/metrics.json, methods.csv, motions.csv."""
+"""Stage `metrics`: every stage's figures -> reports/metrics.json and run.json, two tables."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,8 @@ from s3le.study.tables import ground_truth
 ROBOT = Path("data/robot")
 COUNTS = Path("data/counts")
 TRUTH = Path("data/ground_truth.parquet")
-OUT = Path("reports/metrics.json")
+OUT = Path("reports/metrics.json")  # the few that runs are compared by
+RUN = Path("reports/run.json")  # all of them
 COVERAGE = Path("reports/coverage.csv")
 METHODS = Path("reports/methods.csv")
 MOTIONS = Path("reports/motions.csv")
@@ -42,7 +43,8 @@ def main() -> None:
         documents.read_csv(COVERAGE, "coverage"),
         documents.read_json(COUNTS / "synthetic.json", "synthetic"),
     )
-    documents.write_json(tree, OUT)
+    documents.write_json(tree, RUN)
+    documents.write_json(metrics.compared(tree), OUT)
     documents.write_csv(table, METHODS)
     documents.write_csv(motions, MOTIONS)
     for split, part in tree["splits"].items():

@@ -7,6 +7,7 @@ from typing import ClassVar
 from pipeline.stage import bar, knob, launch, read
 from s3le.human import splits
 from s3le.human.tables import SKELETONS
+from s3le.kernels.batch import PROJECTIONS
 from s3le.robot.robot import Robot
 from s3le.store import documents, tables
 from s3le.tuples import pairing
@@ -23,6 +24,7 @@ class Params:
     """How many tuples, and how the pose is settled."""
 
     section: ClassVar[str] = "pair"
+    projection: str = knob("how Proj_Q works", one_of=PROJECTIONS, shared=True)
     rows: int = knob("tuples to make", at_least=1)
     ridge: float = knob("pull towards mid-range [-]", at_least=1e-9, at_most=1)
 
@@ -34,7 +36,9 @@ def main() -> None:
     frames = tables.read(SKELETONS, SKELETON_ROWS)
     count = len(splits.train_rows(frames, params.rows))
     with bar(2 * count, "mocap pairs") as progress:
-        columns, counts = pairing.pair(robot, frames, count, params.ridge, progress)
+        columns, counts = pairing.pair(
+            robot, frames, count, params.ridge, progress, params.projection
+        )
     table = mocap_pairs(robot.n_dof, robot.margin)
     tables.write(columns, table, OUT, robot.tag)
     documents.write_json(counts, COUNTS)

@@ -1,4 +1,4 @@
-"""Stage `report`: metrics and tables -> reports/report.html, and its pictures beside it."""
+"""Stage `report`: figures and tables -> reports/report.html, and its pictures beside it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +40,7 @@ def main() -> None:
     params = read(Params)
     robot = Robot.read(ROBOT)
     n_dof = robot.n_dof
-    tree = documents.read_json(REPORTS / "metrics.json", "metrics")
+    tree = documents.read_json(REPORTS / "run.json", "metrics")
     motions = documents.read_csv(REPORTS / "motions.csv", "metrics")
     histories = {
         name: documents.read_csv(REPORTS / "training" / f"{name}.csv", f"train@{name}")
@@ -82,6 +82,7 @@ def main() -> None:
         knobs=parameters.read(PARAMS),
         latency=records.latency(LATENCY),
         robot_tag=robot.tag,
+        grid=documents.read_csv(REPORTS / "grid.csv", "grid"),
         video=(records.figure(VIDEO / "figure.json"), embed.read(VIDEO / "figure.png")),
     )
     documents.write_text(text, OUT)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say, shards_bar
+from s3le.kernels.batch import PROJECTIONS
 from s3le.robot.robot import Robot
 from s3le.store import documents
 from s3le.tuples.certified import projection_summary
@@ -24,6 +25,7 @@ class Params:
     section: ClassVar[str] = "sample"
     alpha: float = knob("joint-limit relaxation [-]", at_least=0, at_most=10, shared=True)
     seed: int = knob("root of every random stream", at_least=0, shared=True)
+    projection: str = knob("how Proj_Q works", one_of=PROJECTIONS, shared=True)
     shard_rows: int = knob("rows of a shard", at_least=1, at_most=10_000_000, shared=True)
     executor: str = knob("who makes the shards", one_of=run.EXECUTORS, shared=True)
     workers: int = knob("local processes; 0: all", at_least=0, at_most=10_000, shared=True)
@@ -43,6 +45,7 @@ def main() -> None:
         renormalise_mix=params.renormalise_mix,
         seed=params.seed,
         shard_rows=params.shard_rows,
+        projection=params.projection,
     )
     where = run.Where(
         executor=params.executor,

@@ -28,6 +28,7 @@ class Params:
     latent: int = knob("dimension of Z", at_least=1, at_most=4096)
     hidden: int = knob("units of a hidden layer", at_least=1, at_most=8192)
     layers: int = knob("hidden layers", at_least=1, at_most=16)
+    first_gain: float = knob("of the first layers' weights", at_least=1e-3, at_most=100)
     learning_rate: float = knob("of encoders and decoders", at_least=1e-9, at_most=1)
     adversary_rate: float = knob("of the discriminators", at_least=1e-9, at_most=1)
     beta: float = knob("weight of latent prior fitting [-]", at_least=0)

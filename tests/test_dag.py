@@ -57,12 +57,13 @@ def test_the_table_says_what_dvc_yaml_says(key, promised):
 
 def test_alpha_and_tau_rerun_what_the_paper_says_depends_on_them(promised):
     assert promised["alpha"][1] == {
-        "sample", "coverage", "train@s3le", "index@s3le", "index@skeleton_all",
-        "evaluate@s3le", "evaluate@skeleton_all", "metrics", "report", "export",
+        "sample", "coverage", "train@s3le", "index@lwl2_all", "index@s3le", "index@skeleton_all",
+        "evaluate@lwl2_all", "evaluate@s3le", "evaluate@skeleton_all", "grid", "metrics",
+        "report", "export",
         "evaluate@certified_lookup", "evaluate@certified_refined",
     }  # fmt: skip
     assert promised["tau"][1] == {
-        "train@s3le", "index@s3le", "evaluate@s3le", "metrics", "report", "export",
+        "train@s3le", "index@s3le", "evaluate@s3le", "grid", "metrics", "report", "export",
         "evaluate@certified_lookup", "evaluate@certified_refined",
     }  # fmt: skip
 

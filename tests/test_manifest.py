@@ -55,6 +55,28 @@ def test_a_list_may_end_without_a_newline_but_not_within_a_row(tmp_path):
             manifest.manifest(path, columns)
 
 
+def test_a_trial_says_whether_it_is_certain_or_inferred(tmp_path):
+    columns, base = f"{COLUMNS},identity", ("d", 120, "test", "", "")
+    for who in ("", "certain", "inferred"):
+        path = table(tmp_path / "m.csv", columns, ("01_01", *base, who))
+        found = manifest.manifest(path, tuple(COLUMNS.split(",")), ("identity",))
+        assert found[0]["identity"] == who
+    for row, why in ((("01_01", *base, "sure"), "identity must be empty, certain or inferred"),
+                     (("01_01", *base), "a row has 7 values")):  # fmt: skip
+        path = table(tmp_path / "m.csv", columns, row)
+        with pytest.raises(ClipError, match=f":2: {why}"):
+            sources.cmu(path, tmp_path / "c", tmp_path)
+
+
+def test_the_authors_trials_are_all_called_certain_or_inferred():
+    rows = list(csv.DictReader((CLIPS / "cmu" / "manifest.csv").read_text().splitlines()))
+    named = {r["trial"]: r["identity"] for r in rows if r["identity"]}
+    assert named.keys() == {r["trial"] for r in rows if r["split"] == "test"}
+    # Their list counts files; the counts are complete up to subject 62 and not beyond.
+    assert all((who == "certain") == (int(t.split("_")[0]) < 63) for t, who in named.items())
+    assert list(named.values()).count("certain") == 16
+
+
 def test_other_columns_are_refused(tmp_path):
     path = table(tmp_path / "m.csv", "trial,fps", ("01_01", 120))
     with pytest.raises(ClipError, match="m.csv:1: columns must be trial,description,fps"):

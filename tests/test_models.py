@@ -29,6 +29,18 @@ def test_mlp_equals_matrices_by_hand():
     assert np.allclose(net(torch.from_numpy(rows)).detach(), hand, atol=1e-6)
 
 
+def test_the_first_layers_gain_widens_the_first_layer_alone():
+    plain, wide = (
+        mlp(6, 3, 8, 2, torch.Generator().manual_seed(2), first_gain=gain) for gain in (1.0, 2.5)
+    )
+    for k in (0, 2, 4):
+        ratio = 2.5 if k == 0 else 1.0
+        torch.testing.assert_close(wide[k].weight, ratio * plain[k].weight)
+    model = build("ale", SMALL, LOWER, UPPER, torch.Generator().manual_seed(2), 1.0)
+    other = build("ale", SMALL, LOWER, UPPER, torch.Generator().manual_seed(2))
+    torch.testing.assert_close(other.encoder_y[0].weight, 3.0 * model.encoder_y[0].weight)
+
+
 def test_first_weights_come_from_the_generator_alone():
     torch.manual_seed(5)
     before = torch.get_rng_state()

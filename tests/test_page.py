@@ -139,6 +139,20 @@ def pictures(tmp_path_factory):
 # --- what it says
 
 
+def test_page_shows_every_pool_by_every_metric():
+    def cell(model, pool, metric, far):
+        return {"split": "test", "model": model, "pool": pool, "metric": metric, "stored": 1008,
+                "frames": 5, "to_truth": far, "to_human": far}  # fmt: skip
+
+    rows = [cell("skeleton", "pairs", "l2", 0.05), cell("lwl2", "pairs", "l2", 0.134),
+            cell("lwl2", "pairs", "mahalanobis", 0.128), cell("lwl2", "all", "l2", 0.109)]
+    text = page_of(metrics(), grid=rows)
+    assert row_of(text, "nearest skeleton, pairs") == ["0.050", "-", "1,008"]
+    assert row_of(text, "LWL2, pairs") == ["0.134", "0.128", "1,008"]
+    assert row_of(text, "LWL2, all")[:2] == ["0.109", "-"]
+    assert "Which pool, which distance" not in page_of(metrics())
+
+
 def test_page_holds_the_numbers_it_was_given():
     history = [{"step": 50, "recon_x": 4.0}, {"step": 3950, "recon_x": 0.31}]
     text = page_of(metrics(), {"s3le": history})

@@ -15,8 +15,10 @@ from dag import readers_and_reruns
 from dvc.dependency import param
 from dvc.repo import Repo
 from ruamel.yaml import YAML
+from s3le.methods import ENTRIES
 from tiny import after_kills, environment, good, mend, ran, set_params, shell, swing
 
+from s3le import metrics, store
 from s3le.kernels import compiled
 
 pytestmark = pytest.mark.slow
@@ -112,12 +114,12 @@ def other(tree: dict, name: str, own: str | None) -> dict:
     [
         (
             "alpha=0.5",
-            "sample coverage train@s3le index@s3le index@skeleton_all evaluate@s3le "
-            "evaluate@skeleton_all metrics report",
+            "sample coverage train@s3le index@s3le index@lwl2_all index@skeleton_all evaluate@s3le "
+            "evaluate@lwl2_all evaluate@skeleton_all grid metrics report",
         ),
         # Four steps may leave which poses are found as it was; then metrics rest. The report shows
         # all parameters, so it is always made anew.
-        ("tau=0.25", "train@s3le index@s3le evaluate@s3le report"),
+        ("tau=0.25", "train@s3le index@s3le evaluate@s3le grid report"),
         ("skeletons.noise=0.05", "skeletons train@s3le train@lwl2 train@ale report"),
         ("report.strip_frames=3", "report"),
     ],
@@ -132,7 +134,10 @@ def test_a_changed_parameter_reruns_what_it_affects_and_no_more(clean, change, r
     if change.startswith("alpha"):
         assert not before & hashes(clean)  # no old row among the new ones
         diff = good(clean, "dvc", "metrics", "diff")
-        assert "sampling.alpha" in diff
+        lines = diff.strip().splitlines()
+        assert len(lines) <= 24, diff  # one screen
+        assert "answer.test." in lines[1] or "answer.test." in lines[2], diff  # the headline first
+        assert "tuples.moved_mean_rad" in diff
 
 
 def test_what_is_made_before_training_is_the_same_to_the_byte(clean):
@@ -150,9 +155,17 @@ def test_what_is_made_before_training_is_the_same_to_the_byte(clean):
 
 def test_metrics_are_what_a_dvc_user_expects(project):
     shown = good(project, "dvc", "metrics", "show", "--json")
-    tree = json.loads(shown)[""]["data"]["reports/metrics.json"]["data"]
+    few = json.loads(shown)[""]["data"]
+    assert few.keys() == {"reports/metrics.json"}
+    tree = json.loads((project / "reports/run.json").read_text(encoding="utf-8"))
+    assert few["reports/metrics.json"]["data"] == metrics.compared(tree)
     methods = tree["splits"]["test"]["methods"]
-    assert {"ale", "lwl2", "lwl2_pairs", "s3le", "skeleton_all"} <= methods.keys()
+    assert methods.keys() == ENTRIES.keys()
+    grid = store.read_csv(project / "reports/grid.csv", "grid")
+    for name, pool in (("lwl2_pairs", "pairs"), ("lwl2", "poses"), ("lwl2_all", "all")):
+        at = {"split": "test", "model": "lwl2", "pool": pool, "metric": "l2"}
+        cell = next(row for row in grid if at.items() <= row.items())
+        assert cell["to_truth"] == pytest.approx(methods[name]["to_truth"], abs=1e-12)
     for name, found in methods.items():
         if name != "ale":
             assert found["collision_rate"] == found["limit_rate"] == 0.0

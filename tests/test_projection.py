@@ -76,6 +76,23 @@ def test_another_margin_is_kept_too(margin):
     assert (found.how == FALLBACK).mean() < 0.05
 
 
+def test_blending_is_the_authors_rule_and_nothing_else():
+    made = coman()
+    q, _, nearest, collided = sampled()
+    found = batch.project(made.chain, made.robot.anchor, q, made.margin, kind="blend")
+    assert found.q.tobytes() == blended(made, q).tobytes()
+    assert ((found.how == FALLBACK) == collided).all()
+    made.certifier().require(found.q, made.margin)
+    moved, least = (far(p.q, q)[collided].mean() for p in (found, nearest))
+    assert moved > 1.3 * least  # which is why it is not the default
+
+
+def test_another_kind_of_projection_is_refused_by_name():
+    made = coman()
+    with pytest.raises(ParameterError, match="must be one of nearest, blend, got 'blended'"):
+        batch.project(made.chain, made.robot.anchor, relaxed(made, 2, 1), MARGIN, kind="blended")
+
+
 def test_a_feasible_pose_comes_back_to_the_bit():
     made = coman()
     q = inside_limits(made, 400, 23)

@@ -29,7 +29,7 @@ TINY = {
     "synthetic": {"seeds": 2, "points": 60, "steps": 3, "batch": 8, "hidden": 8, "grid": 5},
     "report": {"strip_frames": 2},
 }
-STAGES = 30
+STAGES = 33
 RECORDS = ("reports/latency.json",)  # of reports/, what a run reads
 KERNELS = ROOT / "s3le" / "kernels"
 

@@ -5,8 +5,10 @@
 Each training is `dvc repro` with other parameters, in a clone of this project's last commit under
 data/study, with a cache of its own: what is in the clone's cache is not made again, and a killed
 training goes on where it was. What came out is one row for each split, motion and method in
-reports/study/runs.csv, with the commit, the seed and the machine. A row that is there is
-not made again, unless `--again` is given.
+reports/study/runs.csv, with the commit, the seed and the machine. A training counts as made when
+its rows are of the clone's commit and of the same parameters; rows of another commit are made anew
+and replaced, and so are all with `--again`. A seed moves `seed`, which all data are drawn by, and
+`train.seed`, which the trainings start from.
 
 Without a GPU this takes hours, so it goes on in the background; calling it again says how far
 it is.
@@ -23,10 +25,11 @@ import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TextIO
 
+import by_profile  # beside this file
 import polars as pl
-import tables  # beside this file
+import tables
 import torch
 import typer
 from ruamel.yaml import YAML
@@ -50,6 +53,11 @@ class Run(NamedTuple):
     seed: int
     entries: list[str]
     changed: dict[str, Any]  # parameter, dotted -> value
+    grid: bool = False  # stage `grid` too: its cells are methods named model/pool/metric
+
+    def told(self) -> str:
+        """What differs from params.yaml, but for where clips come from."""
+        return json.dumps({k: v for k, v in self.changed.items() if k != "clips_mirror"})
 
 
 def planned(only: list[str], extra: dict[str, Any]) -> Iterator[Run]:
@@ -60,10 +68,22 @@ def planned(only: list[str], extra: dict[str, Any]) -> Iterator[Run]:
     for name, what in plan.items():
         if only and name not in only:
             continue
-        for seed, (row, own) in itertools.product(what["seeds"], what["tries"].items()):
-            changed = {"clips": what["clips"], "clips_missing": "skip"} | extra
-            changed |= what.get("all", {}) | own | {"train.seed": seed}
-            yield Run(name, row, seed, what["evaluate"], changed)
+        shared = by_profile.changes(what["profile"]) if "profile" in what else {}
+        for seed, (row, own, entries) in itertools.product(what["seeds"], tries(what)):
+            changed = {"clips": what["clips"], "clips_missing": "skip"} | shared | extra
+            changed |= what.get("all", {}) | own | {"seed": seed, "train.seed": seed}
+            yield Run(name, row, seed, entries, changed, what.get("grid", False))
+
+
+def tries(what: dict[str, Any]) -> list[tuple[str, dict[str, Any], list[str]]]:
+    """Rows of an experiment: name, what differs, entries that are evaluated.
+
+    Those of one that is `searched` are each method's best settings of reports/study/search.csv.
+    """
+    if not what.get("searched"):
+        return [(row, own, what["evaluate"]) for row, own in what["tries"].items()]
+    found = tables.best(tables.searched(RUNS.with_name("search.csv")))
+    return [(f"{one.method} {one.number}", one.changed, one.entries) for one in found]
 
 
 def recorded() -> pl.DataFrame | None:
@@ -71,13 +91,15 @@ def recorded() -> pl.DataFrame | None:
     return pl.read_csv(RUNS) if RUNS.is_file() else None
 
 
-def is_there(run: Run) -> bool:
-    """Whether all of a run's methods have been recorded."""
+def is_there(run: Run, commit: str) -> bool:
+    """Whether all of a run's methods have been recorded with this code and these parameters."""
     rows = recorded()
     if rows is None:
         return False
     mine = rows.filter(experiment=run.experiment, row=run.row, seed=run.seed)
-    return set(run.entries) <= set(mine["method"])
+    mine = mine.filter(commit=commit[:12], changed=run.told())
+    cells = mine["method"].str.contains("/", literal=True).any()
+    return set(run.entries) <= set(mine["method"]) and (cells or not run.grid)
 
 
 def record(run: Run, found: list[dict[str, Any]]) -> None:
@@ -92,31 +114,41 @@ def record(run: Run, found: list[dict[str, Any]]) -> None:
         documents.write_csv(new.to_dicts(), RUNS)
 
 
+def commit_of(clone: Path, update: bool) -> str:
+    """The commit that `prepare` will give."""
+    there = (clone / ".git").is_dir() and not update
+    return git(clone if there else ROOT, "rev-parse", "HEAD")
+
+
 def prepare(clone: Path, update: bool) -> str:
     """A clone of the last commit, or with `update` one brought to it; returns its commit.
 
     A study that was begun goes on with the code it began with: another commit would train anew.
     """
+    commit = commit_of(clone, update)
     if (clone / ".git").is_dir() and not update:
-        return _git(clone, "rev-parse", "HEAD")
-    commit = _git(ROOT, "rev-parse", "HEAD")
-    if _git(ROOT, "status", "--porcelain", "--", "s3le", "pipeline", "dvc.yaml", "params.yaml"):
+        return commit
+    if git(ROOT, "status", "--porcelain", "--", "s3le", "pipeline", "dvc.yaml", "params.yaml"):
         raise SystemExit("the pipeline has changes that are not committed; commit them, then study")
     if not (clone / ".git").is_dir():
         clone.mkdir(parents=True, exist_ok=True)
-        _git(ROOT, "clone", "-q", "--no-checkout", str(ROOT), str(clone))
+        git(ROOT, "clone", "-q", "--no-checkout", str(ROOT), str(clone))
         for shared in ("downloads", "shards"):  # fetched clips and tuples that were made before
             (ROOT / "data" / shared).mkdir(exist_ok=True)
             (clone / "data").mkdir(exist_ok=True)
             (clone / "data" / shared).symlink_to(ROOT / "data" / shared)
-    _git(clone, "fetch", "-q", "origin", commit)
-    _git(clone, "checkout", "-q", "--force", "--detach", commit)
+    git(clone, "fetch", "-q", "origin", commit)
+    git(clone, "checkout", "-q", "--force", "--detach", commit)
     return commit
 
 
 def perform(run: Run, clone: Path, commit: str) -> list[dict[str, Any]]:
-    """Train and evaluate one run in the clone; its rows."""
-    _git(clone, "checkout", "-q", "--force", "--", "params.yaml")
+    """Train and evaluate one run in the clone; its rows.
+
+    A row is a split, a motion ("all" among them) and a method; a cell of the grid has no rates,
+    for its poses were checked when they were stored.
+    """
+    git(clone, "checkout", "-q", "--force", "--", "params.yaml")
     yaml = YAML()
     params = yaml.load(clone / "params.yaml")
     for key, value in run.changed.items():
@@ -127,7 +159,7 @@ def perform(run: Run, clone: Path, commit: str) -> list[dict[str, Any]]:
         home[name] = value
     yaml.dump(params, clone / "params.yaml")
     began = time.perf_counter()
-    stages = [f"evaluate@{entry}" for entry in run.entries]
+    stages = [f"evaluate@{entry}" for entry in run.entries] + (["grid"] if run.grid else [])
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     done = subprocess.run(
         [sys.executable, "-m", "dvc", "repro", "-q", *stages],
@@ -142,9 +174,19 @@ def perform(run: Run, clone: Path, commit: str) -> list[dict[str, Any]]:
         "commit": commit[:12],
         "date": datetime.now(UTC).date().isoformat(),
         "machine": machine(),
-        "changed": json.dumps({k: v for k, v in run.changed.items() if k != "clips_mirror"}),
+        "changed": run.told(),
     }
     rows = []
+    cells = documents.read_csv(clone / "reports/grid.csv", "grid") if run.grid else []
+    for cell in cells:
+        name = "/".join(cell[key] for key in ("model", "pool", "metric"))
+        rows.append(
+            {key: getattr(run, key) for key in KEYS}
+            | {"method": name, "split": cell["split"], "motion": "all"}
+            | {key: cell.get(key) for key in FIGURES}
+            | {"pool": cell["stored"]}
+            | about
+        )
     for entry in run.entries:
         figures = json.loads((clone / f"data/counts/evaluate-{entry}.json").read_text())
         for split, part in figures.items():
@@ -157,6 +199,30 @@ def perform(run: Run, clone: Path, commit: str) -> list[dict[str, Any]]:
                     | about
                 )
     return rows
+
+
+def alone(folder: Path) -> TextIO | None:
+    """A lock that one process at a time has, to be kept open; None where another has it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = (folder / "lock").open("w")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        lock.close()
+        return None
+    return lock
+
+
+def leave_to_the_background(script: str, log: Path) -> None:
+    """Call a script anew, with the arguments of this one, so that it outlives this process."""
+    with log.open("ab") as told:
+        subprocess.Popen(
+            ["nice", "-n", "19", sys.executable, script, *sys.argv[1:], "--foreground"],
+            stdin=subprocess.DEVNULL,
+            stdout=told,
+            stderr=told,
+            start_new_session=True,
+        )
 
 
 def machine() -> str:
@@ -184,28 +250,21 @@ def main(
     """Train what is not recorded yet, then write the tables."""
     yaml = YAML(typ="safe")
     extra = {key: yaml.load(value) for key, value in (text.split("=", 1) for text in assign or [])}
-    runs = list(planned(only or [], extra))
-    todo = [run for run in runs if again or not is_there(run)]
-    typer.echo(f"{len(runs) - len(todo)} of {len(runs)} trainings are recorded in {RUNS}")
+    runs, commit = list(planned(only or [], extra)), commit_of(folder / "clone", update)
+    todo = [run for run in runs if again or not is_there(run, commit)]
+    typer.echo(
+        f"{len(runs) - len(todo)} of {len(runs)} trainings are recorded in {RUNS} for "
+        f"commit {commit[:12]}; those of other commits are made anew"
+    )
     if not todo:
         return
-    folder.mkdir(parents=True, exist_ok=True)
-    lock, log = (folder / "lock").open("w"), folder / "log"
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    lock, log = alone(folder), folder / "log"
+    if lock is None:
         typer.echo(f"the rest is being made; follow it with: tail -f {log}")
         return
     if not foreground and not torch.cuda.is_available():
         lock.close()
-        with log.open("ab") as told:
-            subprocess.Popen(
-                ["nice", "-n", "19", sys.executable, __file__, *sys.argv[1:], "--foreground"],
-                stdin=subprocess.DEVNULL,
-                stdout=told,
-                stderr=told,
-                start_new_session=True,
-            )
+        leave_to_the_background(__file__, log)
         typer.echo(
             "no GPU: going on in the background, 5 to 15 minutes a training on 2 cores;\n"
             f"follow it with: tail -f {log}; call make study again to see how far it is"
@@ -219,7 +278,8 @@ def main(
     typer.echo(f"read {RUNS.with_name('study.md')}")
 
 
-def _git(folder: Path, *words: str) -> str:
+def git(folder: Path, *words: str) -> str:
+    """What git says."""
     done = subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"git {words[0]}: {done.stderr.strip()}")

@@ -12,17 +12,23 @@ from s3le.human.text import SMALL_BYTES, read_bytes, shown
 SPLITS = ("train", "test", "heldout")
 
 
-def manifest(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
+IDENTITIES = ("", "certain", "inferred")  # of a trial that somebody else's list stands for
+
+
+def manifest(
+    path: Path, columns: tuple[str, ...], optional: tuple[str, ...] = ()
+) -> list[dict[str, str]]:
     """Rows of a list of clips whose names are safe as file names, unique, in a known split.
 
     Args:
         path: CSV, UTF-8.
         columns: what the first line must be; `split` is among them, the first is the key.
+        optional: what may follow them there, all or none.
 
     Raises:
         ClipError: with file and line, anything else.
     """
-    rows = table(path, columns)
+    rows = table(path, columns, optional)
     for line, row in enumerate(rows, 2):
         if not re.fullmatch(r"[A-Za-z0-9_]{1,100}", row[columns[0]]):
             raise ClipError(f"{path}:{line}: {shown(row[columns[0]])} is no name of a clip")
@@ -31,11 +37,15 @@ def manifest(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
         for key in ("sha256", "asf_sha256"):
             if row.get(key) and not re.fullmatch(r"[0-9a-f]{64}", row[key]):
                 raise ClipError(f"{path}:{line}: {shown(row[key])} is no {key}")
+        if row.get("identity", "") not in IDENTITIES:
+            raise ClipError(f"{path}:{line}: identity must be empty, certain or inferred")
     return rows
 
 
-def table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
-    """Rows of a CSV with exactly these columns, the first of which is a key.
+def table(
+    path: Path, columns: tuple[str, ...], optional: tuple[str, ...] = ()
+) -> list[dict[str, str]]:
+    """Rows of a CSV with exactly these columns, or optional ones after them; the first is a key.
 
     Raises:
         ClipError: with file and line: other columns, no rows, a short or long row, a key
@@ -51,12 +61,13 @@ def table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
         rows = list(reader)
     except csv.Error as error:
         raise ClipError(f"{path}:{reader.line_num}: {error}") from None
-    if tuple(reader.fieldnames or ()) != columns:
+    there = tuple(reader.fieldnames or ())
+    if there not in (columns, columns + optional):
         raise ClipError(f"{path}:1: columns must be {','.join(columns)}")
     seen: set[str] = set()
     for line, row in enumerate(rows, 2):
         if None in row or None in row.values():
-            raise ClipError(f"{path}:{line}: a row has {len(columns)} values")
+            raise ClipError(f"{path}:{line}: a row has {len(there)} values")
         if odd := [value for value in row.values() if not value.isprintable()]:
             raise ClipError(f"{path}:{line}: an unprintable character in {shown(odd[0])}")
         if row[columns[0]] in seen:

@@ -148,7 +148,8 @@ def cmu(
 
     Args:
         manifest: CSV with trial, description, fps, split, sha256, asf_sha256; checksums are
-            of the uncompressed files, empty where unknown.
+            of the uncompressed files, empty where unknown. A last column, identity, may say of a
+            trial that another list stands for whether that is certain or inferred.
         cache: folder for what comes over the network, laid out as SS/SS_TT.amc; a local base
             is read where it is.
         base: address or folder; files lie below at subjects/SS/SS_TT.amc, in a folder also
@@ -170,7 +171,8 @@ def cmu(
     if odd := set(splits) - set(SPLITS):
         raise ParameterError(f"splits must be among {SPLITS}, got {sorted(odd)}")
     columns = ("trial", "description", "fps", "split", "sha256", "asf_sha256")
-    rows = [row for row in manifests.manifest(manifest, columns) if row["split"] in splits]
+    listed = manifests.manifest(manifest, columns, ("identity",))
+    rows = [row for row in listed if row["split"] in splits]
     remote = str(base).startswith(("http://", "https://"))
     patience = {"tries": tries, "timeout": timeout, "wait": wait}
     found, lost, gone = [], {}, ""

@@ -22,6 +22,7 @@ from s3le.types import Progress
 CHUNK = 256  # rows a worker takes at a time
 
 SAME, SOLVED, FALLBACK = 0, 1, 2  # how a projection came about
+PROJECTIONS = ("nearest", "blend")  # the nearest feasible pose found, or the authors' rule
 
 
 class Projection(NamedTuple):
@@ -86,10 +87,12 @@ def project(
     q: np.ndarray,
     margin: float,
     progress: Progress | None = None,
+    kind: str = "nearest",
 ) -> Projection:
     """Proj_Q: for each relaxed pose the nearest feasible one found, least change in q (Sec. IV-B).
 
-    A feasible pose is returned as it is, to the bit.
+    A feasible pose is returned as it is, to the bit. Where `kind` is "blend", a pose that collides
+    is blended towards the anchor until it does not, as the authors have it, and counts as FALLBACK.
 
     Args:
         chain: the robot.
@@ -97,18 +100,23 @@ def project(
         q: relaxed poses [rad], (n, n_dof), finite.
         margin: clearance wanted [m].
         progress: called with numbers of rows done.
+        kind: one of PROJECTIONS.
 
     Raises:
-        ParameterError: q has another shape, or a row of it is not finite.
+        ParameterError: q has another shape, a row of it is not finite, or there is no such kind.
     """
+    if kind not in PROJECTIONS:
+        raise ParameterError(f"projection must be one of {', '.join(PROJECTIONS)}, got {kind!r}")
     q = _poses(chain, q).copy()
     if not np.isfinite(q).all():
         row = int(np.argmin(np.isfinite(q).all(axis=1)))
         raise ParameterError(f"poses to project must be finite, row {row} is not")
     how = np.empty(len(q), np.uint8)
-    balls = reach(chain)
+    balls, solve = reach(chain), kind == "nearest"
     _spread(
-        lambda rows: _project(chain, balls, anchor, margin, q[rows], how[rows]), len(q), progress
+        lambda rows: _project(chain, balls, anchor, margin, solve, q[rows], how[rows]),
+        len(q),
+        progress,
     )
     return Projection(q, how)
 
@@ -257,7 +265,7 @@ def _pair_distances(chain, q, out):
 
 
 @compiled
-def _project(chain, balls, anchor, margin, q, how):
+def _project(chain, balls, anchor, margin, solve, q, how):
     n = q.shape[1]
     out = np.empty(3)
     empty = np.empty(0)
@@ -277,7 +285,7 @@ def _project(chain, balls, anchor, margin, q, how):
         kept = back
         how[row] = FALLBACK
         best = _far(back, want) if safe else np.inf
-        for start in range(2):
+        for start in range(2 if solve else 0):
             if start == 1 and not safe:
                 break
             trial = back.copy() if start == 1 else q[row].copy()

@@ -32,6 +32,7 @@ ENTRIES = {
     "ale": Entry("ale", (), None, "ALE (decoder)"),
     "lwl2_pairs": Entry("lwl2", _PAIRS, "skeleton_pairs", "LWL2, mocap pairs"),
     "lwl2": Entry("lwl2", _POSES, "skeleton_poses", "LWL2, pairs and robot poses"),
+    "lwl2_all": Entry("lwl2", _ALL, "skeleton_all", "LWL2, S3LE's poses"),
     "s3le": Entry("s3le", _ALL, "skeleton_all", "S3LE"),
     "certified_lookup": Entry(None, (), None, "{} + certify", online=True),
     "certified_refined": Entry(None, (), None, "{} + refine + certify", online=True),
@@ -40,7 +41,9 @@ ENTRIES = {
     "skeleton_all": Entry(None, _ALL, None, "nearest skeleton, all poses"),
 }
 
-PROPOSERS = {  # what a retargeter can be exported with (s3le/retarget/exported.py)
+POOLS = {"pairs": _PAIRS, "poses": _POSES, "all": _ALL}  # what can be stored, and is compared
+
+PROPOSERS = {  # what a retargeter can be exported with (s3le/retarget/folder.py)
     "s3le": "S3LE",
     "lwl2": "LWL2",
     "ale": "ALE",

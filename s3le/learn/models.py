@@ -14,7 +14,9 @@ from torch import Tensor, nn
 
 from s3le.errors import ModelError
 
-FIRST_GAIN = 3.0  # of the first layer's weights: small ones leave tanh linear, FK is learnt late
+# Of the first layer's weights, unless said otherwise: small ones leave tanh linear, FK is learnt
+# late.
+FIRST_GAIN = 3.0
 
 METHODS = ("s3le", "lwl2", "ale")  # the paper's method and its two baselines (Sec. V-B)
 
@@ -36,10 +38,17 @@ class Sizes:
                 raise ModelError(f"model size {name} must be a whole number >= 1, got {value!r}")
 
 
-def mlp(n_in: int, n_out: int, hidden: int, layers: int, generator: torch.Generator) -> nn.Module:
+def mlp(
+    n_in: int,
+    n_out: int,
+    hidden: int,
+    layers: int,
+    generator: torch.Generator,
+    first_gain: float = FIRST_GAIN,
+) -> nn.Module:
     """Fully connected net: `layers` hidden layers of `hidden` tanh units, then a linear one.
 
-    Weights start Xavier-uniform (the first layer's FIRST_GAIN times as wide), biases at zero,
+    Weights start Xavier-uniform (the first layer's `first_gain` times as wide), biases at zero,
     drawn from the given generator alone.
     Source: Sec. V-B (three hidden layers of 512 units, tanh).
     """
@@ -47,7 +56,7 @@ def mlp(n_in: int, n_out: int, hidden: int, layers: int, generator: torch.Genera
     net = nn.Sequential()
     for i, (fan_in, fan_out) in enumerate(zip(widths[:-1], widths[1:], strict=True)):
         linear = nn.utils.skip_init(nn.Linear, fan_in, fan_out)  # leaves the global RNG alone
-        gain = FIRST_GAIN if i == 0 else 1.0
+        gain = first_gain if i == 0 else 1.0
         nn.init.xavier_uniform_(linear.weight, gain, generator=generator)
         nn.init.zeros_(linear.bias)
         net.append(linear)
@@ -96,13 +105,18 @@ class SharedLatent(nn.Module):
     """Two Wasserstein autoencoders over one latent space: S3LE and LWL2 (Sec. III)."""
 
     def __init__(
-        self, sizes: Sizes, lower: Tensor, upper: Tensor, generator: torch.Generator | None = None
+        self,
+        sizes: Sizes,
+        lower: Tensor,
+        upper: Tensor,
+        generator: torch.Generator | None = None,
+        first_gain: float = FIRST_GAIN,
     ) -> None:
         """Build the six networks; their first weights are drawn from `generator` (seed 0)."""
         super().__init__()
         g = generator or torch.Generator().manual_seed(0)
         self.sizes = sizes
-        shape = (sizes.hidden, sizes.layers, g)
+        shape = (sizes.hidden, sizes.layers, g, first_gain)
         self.joints = JointRange(lower, upper)
         self.encoder_x = mlp(sizes.dim_x, sizes.latent, *shape)
         self.decoder_x = mlp(sizes.latent, sizes.dim_x, *shape)
@@ -137,13 +151,18 @@ class AleModel(nn.Module):
     """
 
     def __init__(
-        self, sizes: Sizes, lower: Tensor, upper: Tensor, generator: torch.Generator | None = None
+        self,
+        sizes: Sizes,
+        lower: Tensor,
+        upper: Tensor,
+        generator: torch.Generator | None = None,
+        first_gain: float = FIRST_GAIN,
     ) -> None:
         """Build the four networks; their first weights are drawn from `generator` (seed 0)."""
         super().__init__()
         g = generator or torch.Generator().manual_seed(0)
         self.sizes = sizes
-        shape = (sizes.hidden, sizes.layers, g)
+        shape = (sizes.hidden, sizes.layers, g, first_gain)
         self.joints = JointRange(lower, upper)
         self.encoder_x = mlp(sizes.dim_x, 2 * sizes.latent, *shape)
         self.decoder_x = mlp(sizes.latent, sizes.dim_x, *shape)
@@ -187,6 +206,7 @@ def build(
     lower: Tensor,
     upper: Tensor,
     generator: torch.Generator | None = None,
+    first_gain: float = FIRST_GAIN,
 ) -> SharedLatent | AleModel:
     """The untrained model of one method.
 
@@ -195,6 +215,7 @@ def build(
         sizes: sizes of the networks.
         lower, upper: joint limits [rad], shape (dim_q,).
         generator: source of the first weights (CPU); None: a fresh one with seed 0.
+        first_gain: of the first layers' weights; see mlp.
 
     Raises:
         ModelError: unknown method, or limits that do not fit dim_q or are not ordered.
@@ -203,4 +224,5 @@ def build(
         raise ModelError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if len(lower) != sizes.dim_q:
         raise ModelError(f"dim_q is {sizes.dim_q}, but {len(lower)} joint limits were given")
-    return (AleModel if method == "ale" else SharedLatent)(sizes, lower, upper, generator)
+    kind = AleModel if method == "ale" else SharedLatent
+    return kind(sizes, lower, upper, generator, first_gain)

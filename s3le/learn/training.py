@@ -46,8 +46,8 @@ CHOICES = {
     "reconstruct": ("itself", "feasible"),
     "precision": ("float32", "bf16"),
 }
-POSITIVE = ("steps", "batch_domain", "latent", "hidden", "layers", "learning_rate",
-            "adversary_rate", "tau", "history_every")  # fmt: skip
+POSITIVE = ("steps", "batch_domain", "latent", "hidden", "layers", "first_gain",
+            "learning_rate", "adversary_rate", "tau", "history_every")  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +61,7 @@ class Training:
     latent: int = 32  # dimension of Z (paper: silent)
     hidden: int = 512  # (paper)
     layers: int = 3  # (paper)
+    first_gain: float = 3.0  # of the first layers' weights (paper: silent)
     learning_rate: float = 3e-3  # (paper: 1e-3)
     schedule: str = "cosine"  # of both learning rates: warm-up, then to 0; or constant
     warm_up: int = 100  # steps of linear rise, either schedule
@@ -351,7 +352,8 @@ def _train(
     )
     lower, upper = (torch.as_tensor(list(map(float, v))) for v in (data.lower, data.upper))
     first = torch.Generator().manual_seed(hyper.seed)
-    state = _State(build(method, sizes, lower, upper, first).to(device), hyper, device)
+    net = build(method, sizes, lower, upper, first, hyper.first_gain)
+    state = _State(net.to(device), hyper, device)
     model = state.model
     batches = Batches(
         data,

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from s3le.learn.methods import PROPOSERS
 from s3le.report import cells, html
 from s3le.report.curves import TERMS
 from s3le.report.html import Html, paragraph, tag, words
@@ -65,6 +66,42 @@ def data(metrics: Mapping[str, Any]) -> list[Html]:
             "the poorer way, taken where the solver does not get there, and should be rare.",
         ),
     ]
+
+
+def grid(rows: Sequence[Mapping[str, Any]]) -> list[Html]:
+    """Each model in each pool by each metric, to the ground truth.
+
+    Args:
+        rows: of reports/grid.csv: "split", "model", "pool", "metric", "stored", "to_truth".
+    """
+    splits = list(dict.fromkeys(row["split"] for row in rows))
+    metrics = list(dict.fromkeys(row["metric"] for row in rows))
+    found = {(r["split"], r["model"], r["pool"], r["metric"]): r["to_truth"] for r in rows}
+    stored = {(row["model"], row["pool"]): row["stored"] for row in rows}
+    longest = cells.longest(found.values())
+    parts: list[Html] = []
+    for split in splits:
+        table = []
+        for (model, pool), count in stored.items():
+            row = [f"{PROPOSERS.get(model, cells.text(model))}, {cells.text(pool)}"]
+            for metric in metrics:
+                far = found.get((split, model, pool, metric))
+                row.append(cells.NONE if far is None else _gauged(far, longest))
+            table.append([*row, cells.count(count)])
+        titles = ["looked up in", *(cells.text(metric) for metric in metrics), "stored poses"]
+        parts += [] if len(splits) == 1 else [tag("h3", f"On {cells.text(split)}")]
+        parts.append(
+            html.explained(
+                html.table(titles, table),
+                "the same trainings, looked up in every pool by every distance between latents; "
+                "mean cosine distance to the ground truth, lower is better.",
+                words(
+                    "*pairs* are the mocap pairs' poses, *poses* these and the robot domain's, "
+                    "*all* these and the sampled tuples'. Brute force compares skeletons by *l2*."
+                ),
+            )
+        )
+    return parts
 
 
 def coverage(splits: Mapping[str, Any]) -> list[Html]:

@@ -100,6 +100,7 @@ def page(
     latency: Mapping[str, Any] | None = None,
     robot_tag: str | None = None,
     video: tuple[records.Figure, embed.Media] | None = None,
+    grid: Sequence[Mapping[str, Any]] = (),
 ) -> str:
     """Write the page.
 
@@ -119,6 +120,7 @@ def page(
         latency: records.latency.
         robot_tag: Robot.tag of the run's robot.
         video: what was made of a plain video: words and picture.
+        grid: rows of reports/grid.csv; none: there is no section on it.
 
     Returns:
         The page, ending in a newline; equal arguments give equal bytes.
@@ -131,6 +133,7 @@ def page(
     parts = [
         _Section("run", "What was run", _run(metrics, knobs)),
         *_results(metrics),
+        *([_Section("grid", "Which pool, which distance", made.grid(grid))] if grid else []),
         _Section("motions", "Motion by motion", bars),
         _Section("snapshots", "Snapshots", _picture("strip", figures)),
         *([_Section("video", video[0].title, _video(*video))] if video else []),

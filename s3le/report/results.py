@@ -185,6 +185,7 @@ def findings(methods: Mapping[str, Any], truth: Mapping[str, Any]) -> list[Html]
             for key, told in (
                 ("lwl2_pairs", "LWL2's (mocap pairs)"),
                 ("lwl2", "LWL2's (with robot poses)"),
+                ("lwl2_all", "LWL2's (with S3LE's poses)"),
                 ("ale", "ALE's"),
                 ("skeleton_all", "that of brute force over the same poses"),
             )

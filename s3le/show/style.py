@@ -23,6 +23,7 @@ COLOURS = {
     "ale": "#CC79A7",
     "lwl2_pairs": "#D55E00",
     "lwl2": "#E69F00",
+    "lwl2_all": "#F0E442",
     "s3le": "#0072B2",
     "certified_lookup": "#56B4E9",
     "certified_refined": "#009E73",

@@ -82,6 +82,7 @@ def draw_pool(
     alpha: float,
     seed: int,
     progress: Progress | None = None,
+    projection: str = "nearest",
 ) -> Pool:
     """Draw relaxed poses, project them, certify them.
 
@@ -92,6 +93,7 @@ def draw_pool(
         alpha: relaxation of the joint ranges [-].
         seed: root of the random streams.
         progress: called with numbers of rows done, twice a row.
+        projection: one of kernels.batch.PROJECTIONS.
 
     Raises:
         ParameterError: an unknown sampler, or a number out of its range.
@@ -101,7 +103,9 @@ def draw_pool(
     # A stream of its own for each sampler: their differences are then not those of one draw.
     rng = stream(seed, f"coverage {sampler}")
     q = samplers.draw(sampler, robot, low, high, 0, rows, rng, seed)
-    projected = batch.project(robot.chain, robot.anchor, q, robot.margin, progress)
+    projected = batch.project(
+        robot.chain, robot.anchor, q, robot.margin, progress, kind=projection
+    )
     robot.certifier().require(projected.q, robot.margin, progress)
     return Pool(projected.q, batch.skeletons(robot.chain, projected.q), projected.how)
 
@@ -133,6 +137,7 @@ def compare(
     seed: int,
     extra: np.ndarray,
     progress: Progress | None = None,
+    projection: str = "nearest",
 ) -> list[dict]:
     """Coverage of every sampler at equal row counts.
 
@@ -149,6 +154,7 @@ def compare(
         extra: skeletons stored beside every sampler's rows, (k, 21), e.g. those of IK pairs, or
             none (k = 0); they come on top of the row count.
         progress: called with numbers of rows done, twice a row of each sampler's largest pool.
+        projection: one of kernels.batch.PROJECTIONS.
 
     Returns:
         One mapping for each sampler, split and size: sampler, split, rows, seed, mean, p90,
@@ -166,7 +172,7 @@ def compare(
         raise ParameterError("there is no split to measure; give human skeletons")
     found = []
     for name in names:
-        pool = draw_pool(robot, name, sizes[-1], alpha, seed, progress)
+        pool = draw_pool(robot, name, sizes[-1], alpha, seed, progress, projection)
         for size in sizes:
             about = {"sampler": name, "rows": size, "seed": seed} | how_drawn(pool.how[:size])
             x = np.concatenate([pool.x[:size], extra])
@@ -182,6 +188,7 @@ def table(
     alpha: float,
     seed: int,
     progress: Progress | None = None,
+    projection: str = "nearest",
 ) -> list[dict]:
     """All samplers, alone and with IK pairs beside them, and the pairs alone.
 
@@ -192,7 +199,7 @@ def table(
         rows: poses of each sampler.
         alpha: relaxation of the joint ranges [-].
         seed: root of the random streams.
-        progress: as in compare.
+        progress, projection: as in compare.
 
     Returns:
         Rows of compare, with "pairs" (how many IK pairs are stored beside) and "bar", which names
@@ -207,7 +214,7 @@ def table(
     none = {"rows": 0, "seed": seed, "feasible": 0.0, "fallback": 0.0, "pairs": len(pairs)}
     found = []
     for name in samplers.SAMPLERS:
-        pool = draw_pool(robot, name, rows, alpha, seed, progress)
+        pool = draw_pool(robot, name, rows, alpha, seed, progress, projection)
         for k, x in ((0, pool.x), (len(pairs), np.concatenate([pool.x, pairs]))):
             for row in measure(x, humans, robot.followed):
                 about = {"sampler": name, "rows": rows, "seed": seed} | how_drawn(pool.how)

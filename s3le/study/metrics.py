@@ -1,4 +1,4 @@
-"""The one tree of numbers that a run is compared by, from what every stage counted."""
+"""What every stage counted, as one tree, and the few numbers of it that runs are compared by."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,6 +7,21 @@ import numpy as np
 
 from s3le.learn.methods import ENTRIES, label
 from s3le.robot.robot import Robot
+
+_ANSWER = "certified_refined"
+_OF_ANSWER = {  # its figures -> their names among the compared ones
+    "to_truth": "to_truth",
+    "to_human": "to_human",
+    "limited_rate": "limited_by_speed",
+    "segment_uncertified_rate": "paths_not_proven",
+}
+_UNSAFE = (  # entry, its figure, its name among the compared ones
+    ("ale", "collision_rate", "poses_collide"),
+    ("ale", "limit_rate", "limits_broken"),
+    ("s3le", "segment_collision_rate", "paths_collide"),
+    ("s3le", "segment_too_fast_rate", "steps_too_fast"),
+)
+_COVERED = ("human", "pairs_alone", "uniform")  # samplers
 
 
 def merge(
@@ -30,7 +45,7 @@ def merge(
         synthetic: errors of the synthetic example.
 
     Returns:
-        Triple (metrics, methods, motions): the tree for reports/metrics.json, one row for each
+        Triple (run, methods, motions): the tree for reports/run.json, one row for each
         split and entry, and one for each split, motion and entry; "bar" names a row in a chart.
     """
     splits: dict[str, Any] = {}
@@ -81,6 +96,48 @@ def merge(
         for name, found in part["methods"].items()
     ]
     return tree, table, motions
+
+
+def compared(run: Mapping[str, Any]) -> dict[str, Any]:
+    """The few numbers by which a person compares two runs, for reports/metrics.json.
+
+    `dvc metrics diff` sorts their names, so the headline is called "answer" and comes first: what
+    people retarget with, refined and certified.
+
+    Args:
+        run: the tree of `merge`; entries that it lacks are left out.
+    """
+    tree: dict[str, Any] = {name: {} for name in ("answer", "coverage", "distance", "unsafe")}
+    for split, part in run["splits"].items():
+        methods = part["methods"]
+        if answer := methods.get(_ANSWER):
+            tree["answer"][split] = {name: answer[key] for key, name in _OF_ANSWER.items()}
+        tree["distance"][split] = {"ground_truth_to_human": part["truth"]["to_human"]} | {
+            name: methods[name]["to_truth"]
+            for name in ENTRIES
+            if name in methods and name != _ANSWER
+        }
+        tree["unsafe"][split] = {
+            f"{name}_{words}": methods[name][key]
+            for name, key, words in _UNSAFE
+            if name in methods
+        }
+        covered = run["coverage"].get(split, {})
+        tree["coverage"][split] = {
+            name: covered[name]["mean"] for name in _COVERED if name in covered
+        }
+    tree["synthetic"] = {
+        name: run["synthetic"][name]["error_invariant"]["mean"]
+        for name in ("with_nt_xent", "without_nt_xent")
+    }
+    counts = run["sampling"]
+    tree["tuples"] = {
+        "collided_share": counts["collided"] / counts["rows"],
+        "moved_mean_rad": counts["moved_mean_rad"],
+        "pairs": run["pairs"]["rows"],
+        "rows": counts["rows"],
+    }
+    return tree
 
 
 def _coverage(rows: list[Mapping[str, Any]]) -> dict[str, Any]:

@@ -78,6 +78,7 @@ class Settings:
     weight_consensus: float
     weight_nt_xent: float  # of the variant that has it
     grid: int  # test points along each side of Relaxed X
+    first_gain: float = 3.0  # of the first layers' weights
 
     def __post_init__(self) -> None:
         """Refuse numbers that no experiment can have."""
@@ -216,7 +217,7 @@ def _run(
         dim_x=2, dim_q=2, latent=settings.latent, hidden=settings.hidden, layers=settings.layers
     )
     box = torch.from_numpy(LOWER), torch.from_numpy(UPPER)
-    first = [build("s3le", sizes, *box, g) for g in draws]
+    first = [build("s3le", sizes, *box, g, settings.first_gain) for g in draws]
     models = [deepcopy(model) for _ in VARIANTS for model in first]
     stacks = {name: _stack([getattr(model, name) for model in models]) for name in _NETS}
     _train(settings, worlds, draws, models[0].joints.to_unit, stacks, on_step)

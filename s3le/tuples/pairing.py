@@ -17,6 +17,7 @@ def pair(
     count: int,
     ridge: float,
     progress: Progress | None = None,
+    projection: str = "nearest",
 ) -> tuple[Columns, dict]:
     """Tuples (x~, x-bar, q~, q-bar) from the frames of training clips (Sec. IV-B).
 
@@ -24,8 +25,9 @@ def pair(
         robot: the robot.
         frames: columns of table skeletons; `count` of its training frames are taken, evenly.
         count: tuples wanted; all training frames where there are fewer.
-        ridge: see retargeting.relaxed_poses.
+        ridge: see ik.relaxed_poses.
         progress: called with numbers of rows done, twice a row (solved, certified).
+        projection: one of kernels.batch.PROJECTIONS.
 
     Returns:
         Pair (columns of table mocap_pairs, counts for the metrics).
@@ -37,7 +39,9 @@ def pair(
     train = train_rows(frames, count)
     x = frames["x"][train]
     q_relaxed, residual = ik.relaxed_poses(robot, x, ridge, progress)
-    projected = batch.project(robot.chain, robot.anchor, q_relaxed, robot.margin)
+    projected = batch.project(
+        robot.chain, robot.anchor, q_relaxed, robot.margin, kind=projection
+    )
     columns = {
         "clip": frames["clip"][train],
         "frame": frames["frame"][train],

@@ -76,9 +76,14 @@ def mixup(
     return mixed
 
 
-def projector(robot: Robot) -> Project:
-    """Proj_Q for whole batches."""
-    return lambda q: batch.project(robot.chain, robot.anchor, q, robot.margin)
+def projector(robot: Robot, kind: str = "nearest") -> Project:
+    """Proj_Q for whole batches.
+
+    Args:
+        robot: whose poses.
+        kind: one of kernels.batch.PROJECTIONS.
+    """
+    return lambda q: batch.project(robot.chain, robot.anchor, q, robot.margin, kind=kind)
 
 
 def tuples(

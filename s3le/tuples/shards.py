@@ -67,6 +67,7 @@ class TupleShards(_Shards):
     sampler: str  # samplers.SAMPLERS
     alpha: float  # relaxation of the joint ranges [-]
     renormalise_mix: bool  # give the bones of x' unit length
+    projection: str = "nearest"  # kernels.batch.PROJECTIONS
 
     def make(self, job: Job) -> Made:
         """Draw relaxed poses, project them, certify, mix; see engine.task.
@@ -82,7 +83,7 @@ class TupleShards(_Shards):
             self.sampler, it, low, high, first, job.rows, stream, self.seed
         )
         mix = rng.stream(self.seed, "mix", job.number).uniform(0.0, 1.0, job.rows)
-        project = sampling.projector(it)
+        project = sampling.projector(it, self.projection)
         drawn = sampling.tuples(it, q_relaxed, mix, self.renormalise_mix, project)
         columns = {
             "row": self._rows(job),
