@@ -32,8 +32,8 @@ def retarget(
         list[Path],
         typer.Argument(
             help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz), .parquet of "
-            "s3le video, 3D keypoints (.npz, .npy, .csv, .json, .pkl, a folder of FrankMocap or "
-            "OpenPose), .glb or .gltf, or folders.",
+            "s3le video, 3D keypoints (.npz, .npy, .csv, .trc, .json, .pkl, .pt, a folder of "
+            "FrankMocap or OpenPose), .glb, .gltf or .vrma, or folders.",
             show_default=False,
         ),
     ],
@@ -92,6 +92,7 @@ def retarget(
     pitch: options.Pitch = None,
     person: options.Person = None,
     confidence: options.Confidence = None,
+    animation: options.Animation = None,
 ) -> None:
     """Retarget motion files: one Parquet and one JSON summary per clip, all of it certified.
 
@@ -114,7 +115,7 @@ def retarget(
     Exit status: 0 if every clip was written, 1 if one failed, 2 if nothing could begin.
     """  # noqa: D301
     with shell.guarded():
-        known = shell.how(layout, axes, pitch, person, confidence)
+        known = shell.how(layout, axes, pitch, person, confidence, animation)
         paths = _clips(clips)
         follower = shell.follower(model, method)
         own = follower.machine.robot.name

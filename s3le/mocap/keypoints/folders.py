@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from s3le.mocap.keypoints import inert
-from s3le.mocap.keypoints.found import Found, choose, openpose
+from s3le.mocap.keypoints import pickles
+from s3le.mocap.keypoints.clocks import Clock
+from s3le.mocap.keypoints.found import Found, openpose
 from s3le.mocap.keypoints.how import How
 from s3le.mocap.keypoints.layouts import LAYOUTS
+from s3le.mocap.keypoints.people import choose
 from s3le.mocap.keypoints.values import numbers
 from s3le.mocap.keypoints.written import read_json
 from s3le.mocap.text import read_bytes, refusal
@@ -101,7 +103,7 @@ def _frankmocap(folder: Path, names: list[str], rows: list[int], count: int, how
     hip, neck = (LAYOUTS["spin49"].points[i][0] for i in (0, 3))
     lists = []
     for name in names:
-        tree = inert.load(folder / name, read_bytes(folder / name, LARGEST))
+        tree = pickles.load(folder / name, read_bytes(folder / name, LARGEST))
         people = tree.get("pred_output_list") if isinstance(tree, Mapping) else None
         if not isinstance(people, list):
             raise refusal(folder / name, None, "no list 'pred_output_list': no FrankMocap result")
@@ -118,7 +120,7 @@ def _frankmocap(folder: Path, names: list[str], rows: list[int], count: int, how
     with np.errstate(invalid="ignore", divide="ignore"):  # a trunk of no length: no frame
         trunk = np.linalg.norm(joints[:, neck] - joints[:, hip], axis=1)[:, None, None]
         joints = np.where(trunk > 0.0, joints * TRUNK / trunk, np.nan)
-    return Found(joints, None, None, None, None, "FrankMocap's body joints", "spin49", person)
+    return Found(joints, None, None, Clock(), "FrankMocap's body joints", "spin49", person)
 
 
 def _joints_of(person: Any) -> Any:

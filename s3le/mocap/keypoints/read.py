@@ -10,20 +10,19 @@ from pathlib import Path
 import numpy as np
 
 from s3le import npy
-from s3le.errors import ClipError
-from s3le.mocap.clip import FPS_RANGE, Clip, Reading, at_constant_rate, make_clip
-from s3le.mocap.keypoints import inert, upright
+from s3le.errors import ClipError, ParameterError
+from s3le.mocap.clip import Clip, Reading, make_clip
+from s3le.mocap.keypoints import clocks, pickles, upright
 from s3le.mocap.keypoints.folders import read_frames
 from s3le.mocap.keypoints.found import Found, find
 from s3le.mocap.keypoints.gltf import read_gltf
 from s3le.mocap.keypoints.how import CONFIDENCE, How
 from s3le.mocap.keypoints.layouts import LAYOUTS, Layout, by_names, for_size, pick
+from s3le.mocap.keypoints.trc import read_trc
 from s3le.mocap.keypoints.written import read_csv, read_json
 from s3le.mocap.text import MAX_BYTES, listed, looks_like, read_bytes, refusal
 
-RATE = 30.0  # [Hz] where nothing says another
-EVEN = 0.02  # steps in time that differ by less than this share are alike
-UNEVEN = 20.0  # refuse times that would give more frames per row than this
+SCENES = (".glb", ".gltf", ".vrma")
 LARGEST = 64 * 2**20  # [bytes] of a pickle
 
 
@@ -46,6 +45,8 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
     """
     path = Path(path)
     how = (how or How()).check()
+    if how.animation is not None and path.suffix.lower() not in SCENES:
+        raise ParameterError(f"{path}: holds no animations to choose from; leave --animation out")
     try:
         found = _read(path, how)
     except RecursionError:
@@ -65,11 +66,11 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
         raise refusal(path, None, f"not one of {len(points)} frames has all joints{_why(found)}")
     how = how._replace(axes=how.axes or found.axes)
     made = upright.stand(str(path), joints, layout, points, how)
-    rate, points, words = _rate(path, made.points, found, fps)
-    told += [*made.told, *words]
+    rate, points, words = clocks.rate(path, made.points, found.clock, fps)
+    told = [*found.told, *told, *made.told, *words]
     clip = make_clip(path, rate, points, gaps=True)
     person = how.person if found.person is None else found.person
-    kept = How(name, made.axes, made.pitch, person, how.confidence)
+    kept = How(name, made.axes, made.pitch, person, how.confidence, how.animation)
     return clip._replace(reading=Reading(found.what, kept, made.unit, tuple(told)))
 
 
@@ -85,13 +86,15 @@ def _read(path: Path, how: How) -> Found:
         return find(path, read_csv(path), how)
     if kind == ".json":
         return find(path, read_json(path), how)
-    if kind in (".glb", ".gltf"):
-        return read_gltf(path)
+    if kind == ".trc":
+        return read_trc(path)
+    if kind in SCENES:
+        return read_gltf(path, how)
     if kind in (".pkl", ".pickle"):
         data = read_bytes(path, LARGEST)
         if not data:
             raise refusal(path, None, "looks like an empty file, not a pickle")
-        return find(path, inert.load(path, data), how)
+        return find(path, pickles.load(path, data), how)
     if name.endswith(".gz"):
         raise refusal(path, None, "unpack it first (gunzip)")
     with path.open("rb") as stream:
@@ -170,35 +173,3 @@ def _hide(
 
 def _why(found: Found) -> str:
     return "" if found.confidence is None else f" seen with confidence {CONFIDENCE:g} or as asked"
-
-
-def _rate(
-    path: Path, points: np.ndarray, found: Found, fps: float | None
-) -> tuple[float, np.ndarray, list[str]]:
-    """Frames per second, positions at that rate, and where it comes from."""
-    if fps is not None:
-        return fps, points, []
-    if found.fps is not None:
-        low, high = FPS_RANGE
-        if not low <= found.fps <= high:
-            raise refusal(path, None, f"its rate is {found.fps:g} Hz, wanted [{low:g}, {high:g}]")
-        return found.fps, points, []
-    if found.time is not None and len(points) > 1:
-        steps = np.diff(found.time)
-        if not (steps > 0.0).all():
-            raise refusal(path, None, "its time does not rise; leave it out and give --fps")
-        rate = 1.0 / float(np.median(steps))
-        if not FPS_RANGE[0] <= rate <= FPS_RANGE[1]:
-            raise refusal(path, None, f"its time, in seconds, gives {rate:g} Hz; give --fps")
-        if abs(round(rate) - rate) <= 1e-2 * rate and round(rate):
-            rate = float(round(rate))
-        if np.abs(steps * rate - 1.0).max() > EVEN:
-            if (found.time[-1] - found.time[0]) * rate > UNEVEN * len(points):
-                raise refusal(path, None, "its times are too uneven to be one motion; give --fps")
-            points = at_constant_rate(points, found.time, rate)
-            return rate, points, [f"uneven times, resampled at {rate:g} Hz"]
-        return rate, points, [f"{rate:g} Hz by its times"]
-    if len(points) == 1:
-        return RATE, points, []
-    return RATE, points, [f"{RATE:g} Hz, for the file has no rate (else --fps)"]
-
