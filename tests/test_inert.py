@@ -14,7 +14,7 @@ import pytest
 from test_keypoints import same, save
 
 from s3le.errors import ClipError
-from s3le.mocap.keypoints import pickles as inert
+from s3le.mocap.keypoints import inert
 from s3le.mocap.keypoints.how import How
 from s3le.mocap.read import read_clip
 from s3le.skeleton import features

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from s3le.mocap.keypoints import pickles
+from s3le.mocap.keypoints import inert
 from s3le.mocap.keypoints.clocks import Clock
 from s3le.mocap.keypoints.found import Found, openpose
 from s3le.mocap.keypoints.how import How
@@ -103,7 +103,7 @@ def _frankmocap(folder: Path, names: list[str], rows: list[int], count: int, how
     hip, neck = (LAYOUTS["spin49"].points[i][0] for i in (0, 3))
     lists = []
     for name in names:
-        tree = pickles.load(folder / name, read_bytes(folder / name, LARGEST))
+        tree = inert.load(folder / name, read_bytes(folder / name, LARGEST))
         people = tree.get("pred_output_list") if isinstance(tree, Mapping) else None
         if not isinstance(people, list):
             raise refusal(folder / name, None, "no list 'pred_output_list': no FrankMocap result")

@@ -206,7 +206,7 @@ def _chosen(path: Path, animations: list[Mapping], wanted: set[int], how: How) -
     there = listed(f"{i} {_name(animations[i], i)}" for i in moving)
     if how.animation is None:
         if len(moving) > 1:
-            why = f"holds {len(moving)} animations ({there}); choose one: --animation NAME or NUMBER"
+            why = f"holds {len(moving)} animations ({there}); choose: --animation NAME or NUMBER"
             raise refusal(path, None, why)
         return moving[0]
     named = [i for i in moving if _name(animations[i], i) == how.animation]

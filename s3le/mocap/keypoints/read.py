@@ -12,7 +12,7 @@ import numpy as np
 from s3le import npy
 from s3le.errors import ClipError, ParameterError
 from s3le.mocap.clip import Clip, Reading, make_clip
-from s3le.mocap.keypoints import clocks, pickles, upright
+from s3le.mocap.keypoints import clocks, inert, tensors, upright
 from s3le.mocap.keypoints.folders import read_frames
 from s3le.mocap.keypoints.found import Found, find
 from s3le.mocap.keypoints.gltf import read_gltf
@@ -30,7 +30,8 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
     """Read the joints of one person from a file or folder of an estimator.
 
     Args:
-        path: .npz, .npy, .pkl, .csv, .json, or a folder with a file a frame.
+        path: .npz, .npy, .pkl, .pt, .csv, .trc, .json, .glb, .gltf, .vrma, or a folder with a file
+            a frame.
         fps: frames per second [Hz], instead of the file's own.
         how: what the person knows; see How.
 
@@ -94,7 +95,9 @@ def _read(path: Path, how: How) -> Found:
         data = read_bytes(path, LARGEST)
         if not data:
             raise refusal(path, None, "looks like an empty file, not a pickle")
-        return find(path, pickles.load(path, data), how)
+        return find(path, inert.load(path, tensors.unpacked(path, data)), how)
+    if kind in (".pt", ".pth"):
+        return find(path, tensors.load_torch(path), how)
     if name.endswith(".gz"):
         raise refusal(path, None, "unpack it first (gunzip)")
     with path.open("rb") as stream:
@@ -103,6 +106,9 @@ def _read(path: Path, how: How) -> Found:
         want = "an archive" if kind == ".npz" else "an array"
         raise refusal(path, None, f"looks like {looks_like(head)}, not {want} of numpy's")
     if kind == ".npy":
+        pickled = npy.pickled(path, ClipError, LARGEST)
+        if pickled is not None:  # as TRAM's, of a dict with tensors
+            return find(path, inert.load(path, pickled, objects=True), how)
         return find(path, npy.read_npy(path, ClipError, MAX_BYTES), how)
     closed: list[str] = []
     tree = npy.read_npz(path, ClipError, MAX_BYTES, closed)
