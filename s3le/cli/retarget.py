@@ -150,13 +150,11 @@ def _clips(given: list[Path]) -> list[Path]:
     """The files that are meant; each must have a name of its own, for its results take it."""
     from s3le.mocap.clip import clip_name
     from s3le.mocap.keypoints.folders import frames_of, is_frame
-    from s3le.mocap.read import KEYPOINTS, READ, is_clip, suffix_of
+    from s3le.mocap.read import READ, is_clip
 
     paths = []
     for path in given:
-        inside = sorted(
-            p for p in path.glob("*") if is_clip(p) or suffix_of(p) in KEYPOINTS or frames_of(p)
-        )
+        inside = sorted(p for p in path.glob("*") if is_clip(p) or frames_of(p))
         others = [p for p in inside if not is_frame(p)]
         frames = frames_of(path)
         if frames == path and others:

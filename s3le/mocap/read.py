@@ -2,6 +2,7 @@
 
 import gzip
 import hashlib
+import re
 import zlib
 from pathlib import Path
 
@@ -22,6 +23,7 @@ SUFFIXES = (".amc", ".bvh", ".json", ".txt")  # each also with .gz; .asf goes wi
 KEYPOINTS = (
     ".npz", ".npy", ".csv", ".trc", ".pkl", ".pickle", ".pt", ".pth", ".glb", ".gltf", ".vrma"
 )  # fmt: skip
+_NO_MOTION = re.compile(r"shape\.npz|(male|female|neutral)_stagei\.npz")  # beside AMASS' motions
 POINTS = ".parquet"  # of `s3le video`
 READ = (*SUFFIXES, POINTS, *KEYPOINTS)
 _FILM = "that is a video; estimate the joints first: s3le video {name} --out {stem}.parquet"
@@ -89,7 +91,9 @@ def read_clip(path: Path | str, fps: float | None = None, how: How | None = None
 
 def is_clip(path: Path | str) -> bool:
     """Whether a file in a folder is taken for a clip; robots' motions are Parquet files too."""
-    kind = suffix_of(path)
+    path, kind = Path(path), suffix_of(path)
+    if kind in KEYPOINTS:
+        return not _NO_MOTION.fullmatch(path.name)
     return kind in SUFFIXES or (kind == POINTS and is_points(path))
 
 

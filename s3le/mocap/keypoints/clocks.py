@@ -18,6 +18,7 @@ from s3le.mocap.text import refusal, shown
 USUAL = (5.0, 1000.0)  # [Hz]
 RATE = 30.0  # [Hz] where nothing says another
 EVEN = 0.02  # steps in time that differ by less than this share are alike
+ROUNDED = 0.05  # of a step, by which times that were rounded may be off an even clock's
 UNEVEN = 20.0  # refuse times that would give more frames per row than this
 APART = 0.05  # a rate and times that differ by a larger share do not agree
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -103,8 +104,21 @@ def _of_step(name: Any, given: Any, unit: float | None, clock: Clock) -> Clock:
     if len(rates) != 1:
         return clock._replace(odd=clock.odd or f"its '{name}' is {shown(str(given))}")
     ((word, found),) = rates.items()
-    told = "" if word == "s" else f"{_round(found):g} Hz, its '{name}' is in {word}"
-    return Clock(_round(found), told=told)
+    found = _round(found, 2e-4)
+    told = "" if word == "s" else f"{found:g} Hz, its '{name}' is in {word}"
+    return Clock(found, told=told)
+
+
+def usual(path: Path | str, fps: float) -> None:
+    """Refuse a rate [Hz] at which people are not recorded.
+
+    Raises:
+        ClipError: it is outside of USUAL.
+    """
+    low, high = USUAL
+    if not low <= fps <= high:
+        raise refusal(path, None, f"its rate is {fps:g} Hz, people are recorded at {low:g} to "
+                      f"{high:g} Hz; give --fps")  # fmt: skip
 
 
 def rate(
@@ -125,9 +139,7 @@ def rate(
         return fps, points, []
     low, high = USUAL
     if clock.fps is not None:
-        if not low <= clock.fps <= high:
-            raise refusal(path, None, f"its rate is {clock.fps:g} Hz, people are recorded at "
-                          f"{low:g} to {high:g} Hz; give --fps")  # fmt: skip
+        usual(path, clock.fps)
         _agree(path, clock)
         return clock.fps, points, [clock.told] if clock.told else []
     if len(points) == 1:
@@ -149,28 +161,33 @@ def rate(
         raise refusal(path, None, f"its time gives {1.0 / step:g} Hz in seconds, people are "
                       f"recorded at {low:g} to {high:g} Hz; give --fps")  # fmt: skip
     ((word, found),) = rates.items()
+    time = (clock.time - clock.time[0]) * (clock.unit or UNITS[word])
+    mean = time[-1] / len(steps)
+    off = float(np.abs(time - mean * np.arange(len(time))).max())
+    unit = "" if word == "s" else f", which are in {word}"
+    if np.abs(steps / step - 1.0).max() <= EVEN or off <= ROUNDED * mean:
+        found = _round(1.0 / mean, 1e-4 + 2.0 * off / time[-1])
+        return found, points, [f"{found:g} Hz by its times{unit}"]
     found = _round(found)
-    scale = clock.unit or UNITS[word]
-    told = [f"{found:g} Hz by its times" + ("" if word == "s" else f", which are in {word}")]
-    if np.abs(steps * scale * found - 1.0).max() > EVEN:
-        time = (clock.time - clock.time[0]) * scale
-        if time[-1] * found > UNEVEN * len(points):
-            raise refusal(path, None, "its times are too uneven to be one motion; give --fps")
-        points = at_constant_rate(points, time, found)
-        told = [f"uneven times{told[0].partition('times')[2]}, resampled at {found:g} Hz"]
-    return found, points, told
+    if time[-1] * found > UNEVEN * len(points):
+        raise refusal(path, None, "its times are too uneven to be one motion; give --fps")
+    points = at_constant_rate(points, time, found)
+    return found, points, [f"uneven times{unit}, resampled at {found:g} Hz"]
 
 
 def _agree(path: Path | str, clock: Clock) -> None:
     """Refuse times that give another rate than the one that is named."""
     if clock.time is None or len(clock.time) < 2:
         return
-    step = float(np.median(np.diff(clock.time)))
-    rates = _rates(step, clock.unit) if step > 0.0 and step != 1.0 else {}
-    for found in rates.values():
-        if abs(found / clock.fps - 1.0) > APART:
-            raise refusal(path, None, f"its rate is {clock.fps:g} Hz, its times give {found:g} Hz; "
-                          "say which with --fps")  # fmt: skip
+    steps = np.diff(clock.time)
+    # Rounded times have another median than mean, and times with gaps another mean than median.
+    both = [_rates(float(step), clock.unit) for step in (np.median(steps), steps.mean())]
+    if (steps == 1.0).all() or not all(len(rates) == 1 for rates in both):
+        return
+    seen = [found for rates in both for found in rates.values()]
+    if all(abs(found / clock.fps - 1.0) > APART for found in seen):
+        raise refusal(path, None, f"its rate is {clock.fps:g} Hz, its times give "
+                      f"{_round(seen[0]):g} Hz; say which with --fps")  # fmt: skip
 
 
 def _rates(step: float, unit: float | None) -> dict[str, float]:
@@ -185,9 +202,10 @@ def _word(unit: float) -> str:
     return next((word for word, own in UNITS.items() if own == unit), "ns")
 
 
-def _round(found: float) -> float:
+def _round(found: float, share: float = 1e-2) -> float:
+    """A whole rate where it is one but for so small a share."""
     whole = round(found)
-    return float(whole) if whole and abs(whole - found) <= 1e-2 * found else found
+    return float(whole) if whole and abs(whole - found) <= share * found else found
 
 
 def _unit(plain: str, names: tuple[str, ...]) -> float | None:

@@ -21,6 +21,7 @@ PLACES = (  # keys of joints' places, without _ and -; the first that is there
     "world", "worldlandmarks", "poseworldlandmarks", "joints3d", "smpljoints", "kp3d",
     "keypoints3d", "pose3d", "poses3d", "posekeypoints3d", "jointpositions", "positions",
     "joints", "keypoints", "skeleton", "skeletons", "landmarks", "xyz", "coordinates",
+    "poselandmarks", "normalizedlandmarks",
 )  # fmt: skip
 _CONFIDENCE = (
     *SEEN, "visibilities", "scores", "confidences", "kpscore", "keypointscores",

@@ -48,7 +48,7 @@ def times(path: Path, keys: Iterable[Keys]) -> tuple[np.ndarray, float, str]:
     keys = list(keys)
     steps = [np.diff(own.time) for own in keys if len(own.time) > 1]
     if not steps:
-        return np.zeros(1), 1.0, ""  # one pose has no rate
+        return np.zeros(1), SMOOTH, ""  # one pose has no rate
     densest = min(steps, key=np.median)
     middle = float(np.median(densest))
     even = np.abs(densest / middle - 1.0).max() <= EVEN and _on_grid(keys, middle)

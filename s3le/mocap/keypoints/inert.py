@@ -23,6 +23,7 @@ from s3le.mocap.keypoints.inert_names import (
     build,
     dict_of,
     filled,
+    kind_of,
     named,
     now,
     of,
@@ -86,6 +87,8 @@ def _run(data: bytes, at: int, storages: Any) -> tuple[Any, int]:
         if name == "STOP":
             if len(stack) != 1 or marks:
                 raise Refused(f"is no sound pickle ({len(stack)} values at its end)")
+            if isinstance(stack[0], (Name, Array)):
+                raise Refused(f"is no sound pickle (a {kind_of(stack[0])} at its end)")
             return stack[0], place + 1
         if name in _PUSHED:
             stack.append(argument)

@@ -12,7 +12,7 @@ import numpy as np
 from s3le import npy
 from s3le.errors import ClipError, ParameterError
 from s3le.mocap.clip import Clip, Reading, make_clip
-from s3le.mocap.keypoints import clocks, inert, tensors, upright
+from s3le.mocap.keypoints import clocks, inert, picture, tensors, upright
 from s3le.mocap.keypoints.folders import read_frames
 from s3le.mocap.keypoints.found import Found, find
 from s3le.mocap.keypoints.gltf import read_gltf
@@ -67,6 +67,7 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
         raise refusal(path, None, f"not one of {len(points)} frames has all joints{_why(found)}")
     how = how._replace(axes=how.axes or found.axes)
     made = upright.stand(str(path), joints, layout, points, how)
+    picture.refuse(path, joints, points, made.axes, made.unit)
     rate, points, words = clocks.rate(path, made.points, found.clock, fps)
     told = [*found.told, *told, *made.told, *words]
     clip = make_clip(path, rate, points, gaps=True)
