@@ -263,8 +263,8 @@ def folder(path: Path) -> Sources:
     """One's own clips: whatever `read_clip` reads below train/ and test/, and heldout/ if there.
 
     A clip is called after its path below its split, without suffixes; a folder of frames is one
-    clip. An optional fps.csv
-    beside the splits, with clip and fps, gives rates that override the files' own.
+    clip. An optional fps.csv beside the splits, with clip and fps, gives rates that override the
+    files' own.
 
     Args:
         path: the folder that holds the splits.

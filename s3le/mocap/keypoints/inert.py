@@ -8,6 +8,7 @@ stays closed (CLOSED). Any other name or instruction refuses the file.
 
 import io
 import pickletools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,9 @@ def load(
     """
     now.begin(MOST_LARGE if len(data) > LARGE else MOST_STEPS, objects, _run)
     try:
-        value, end = _run(data, 0, storages)
+        with warnings.catch_warnings():  # of odd escapes in texts of protocol 0
+            warnings.simplefilter("ignore", DeprecationWarning)
+            value, end = _run(data, 0, storages)
     except Refused as refusal:
         raise ClipError(f"{path}: {refusal}") from None
     except (ValueError, KeyError, IndexError, TypeError, OverflowError, UnicodeError) as damage:
@@ -84,6 +87,8 @@ def _run(data: bytes, at: int, storages: Any) -> tuple[Any, int]:
         if now.left < 0:
             raise Refused(f"a pickle of more than {now.most} instructions is not read")
         name = code.name
+        if place < frame_ends < stream.tell():
+            raise Refused("is no sound pickle (an instruction of it is in two frames)")
         if name == "STOP":
             if len(stack) != 1 or marks:
                 raise Refused(f"is no sound pickle ({len(stack)} values at its end)")
@@ -142,6 +147,8 @@ def _run(data: bytes, at: int, storages: Any) -> tuple[Any, int]:
             what = stack[-1]
             if isinstance(what, Array):
                 if isinstance(what, Wrapper):
+                    if frame_ends > stream.tell():
+                        raise Refused("is no sound pickle (numbers of an array in a frame)")
                     stack[-1] = behind(stream, state)
                     frame_ends = stream.tell()
                 else:

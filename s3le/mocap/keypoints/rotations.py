@@ -42,6 +42,7 @@ _BODY = (
 _WHOLE = (22, 24, 52, 55)  # joints with the root: body, SMPL, SMPL-H, SMPL-X
 _OTHERS = (21, 23, 51, 54)
 _WIDTHS = (3, 4, 6, 9)  # numbers a joint
+TURNED = 0.8  # [rad] at least, of a root where z is up: SMPL's own body stands along y
 _OFF = 0.02  # of a unit quaternion or an orthonormal matrix
 _LARGE, _SMALL = 0.9, 0.5  # scalar parts of SMPL's rotations, most of which are small; others
 
@@ -117,8 +118,9 @@ def flat(path: Path | str, array: np.ndarray) -> Posed | None:
         pose, place, what = array[:, :66], array[:, 309:312], "Motion-X's 322 numbers a frame"
     elif width == 69:
         pose, place, what = array[:, 3:], array[:, :3], "PHUMA's 69 numbers a frame"
-        turned = np.linalg.norm(pose[:, :3], axis=1)
-        if not np.nanmedian(np.where(np.isfinite(turned), turned, 0.0)) > 0.8:  # z is up there
+        with np.errstate(over="ignore", invalid="ignore"):
+            turned = np.nan_to_num(np.linalg.norm(pose[:, :3], axis=1))
+        if not np.median(turned) > TURNED:
             raise refusal(path, None, "69 numbers a frame may be PHUMA's, or rotations of 23 "
                           "joints without the root's; save them as .npz with trans, global_orient "
                           "and body_pose")  # fmt: skip
@@ -206,7 +208,7 @@ def _matrices(path: Path | str, rotations: np.ndarray, what: str) -> tuple[np.nd
         raise refusal(path, None, f"{what} has 6 numbers a joint, which are written in three "
                       "ways (rows or columns of a matrix); save axis times angle, or matrices")
     if width == 3:
-        if not (np.linalg.norm(seen, axis=1) < MOST_TURNED).all():
+        if not (np.abs(seen) < MOST_TURNED).all():
             raise refusal(path, None, f"{what} turns a joint by more than {MOST_TURNED:g} rad")
         return smpl.rotations(rotations), ""
     made = np.full((*rotations.shape[:2], 3, 3), np.nan)
