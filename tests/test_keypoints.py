@@ -1,5 +1,6 @@
 import csv
 import json
+import os
 import re
 
 import bodies
@@ -429,6 +430,15 @@ def test_a_digest_is_of_a_file_or_of_a_folder_of_frames(tmp_path):
     assert digest(first) != before == digest(folder)
     (folder / "a_000_keypoints.json").write_text("{ }")
     assert digest(folder) != before
+
+
+def test_a_folder_and_a_pipe_are_called_what_they_are(tmp_path):
+    (tmp_path / "a.npz").mkdir()
+    os.mkfifo(tmp_path / "b.npz")
+    for name, why in (("a.npz", "is a folder without frames"), ("b.npz", "is no file but a pipe"),
+                      ("c.npz", "no such file")):  # fmt: skip
+        with pytest.raises(ClipError, match=why):
+            read_clip(tmp_path / name)
 
 
 def test_every_suffix_that_is_read_is_in_the_refusal_of_others(tmp_path):

@@ -13,7 +13,7 @@ from s3le import npy
 from s3le.errors import ClipError, ParameterError
 from s3le.mocap.clip import Clip, Reading, make_clip
 from s3le.mocap.keypoints import clocks, inert, picture, tensors, upright
-from s3le.mocap.keypoints.folders import read_frames
+from s3le.mocap.keypoints.folders import frames_of, read_frames
 from s3le.mocap.keypoints.found import Found, find
 from s3le.mocap.keypoints.gltf import read_gltf
 from s3le.mocap.keypoints.how import CONFIDENCE, How
@@ -79,11 +79,15 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
 def _read(path: Path, how: How) -> Found:
     """The joints in a file, by its kind."""
     if path.is_dir():
+        if frames_of(path) is None:
+            raise refusal(path, None, "is a folder without frames of FrankMocap or OpenPose; give "
+                          "the file in it")  # fmt: skip
         return read_frames(path, how)
     name = path.name.lower()
     kind = Path(name.removesuffix(".gz")).suffix
     if not path.is_file():
-        raise refusal(path, None, "no such file")
+        what = "is no file but a pipe or a device" if path.exists() else "no such file"
+        raise refusal(path, None, what)
     if kind == ".csv":
         return find(path, read_csv(path), how)
     if kind == ".json":
