@@ -141,7 +141,8 @@ def gaps(path: Path | str, numbers: np.ndarray | None, count: int) -> np.ndarray
     if rows[-1] + 1 == count:
         return None
     if rows[-1] + 1 > SPREAD * count:
-        raise refusal(path, None, f"{count} rows for {rows[-1] + 1} frames by their numbers")
+        raise refusal(path, None, f"{count} rows for {rows[-1] + 1} frames by their numbers; if "
+                      "these are none of frames, leave them out")  # fmt: skip
     return rows
 
 

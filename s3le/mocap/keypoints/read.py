@@ -46,7 +46,7 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
     """
     path = Path(path)
     how = (how or How()).check()
-    if how.animation is not None and path.suffix.lower() not in SCENES:
+    if how.animation is not None and not path.name.lower().removesuffix(".gz").endswith(SCENES):
         raise ParameterError(f"{path}: holds no animations to choose from; leave --animation out")
     try:
         found = _read(path, how)
