@@ -333,5 +333,11 @@ def test_landmarks_in_shares_of_a_picture_are_no_metres(tmp_path, flipped):
     ):
         with pytest.raises(ClipError, match=r"x and y lie from 0 to 1.*pose_world_landmarks"):
             read_clip(save(tmp_path, name, content))
+    others = bodies.listed("h36m17", CAMERA)  # of another estimator, with a depth of its own
+    others = (others - others[:, :1]) * 0.45 + (0.5, 0.5, -0.7)
+    if flipped:
+        others = others * (1, -1, -1) + (0.0, 1.0, -1.4)
+    with pytest.raises(ClipError, match="x and y lie from 0 to 1"):
+        read_clip(save(tmp_path, "h36m.npy", others))
     both = {"pose_landmarks": shares.tolist(), "pose_world_landmarks": around.tolist()}
     same(read_clip(save(tmp_path, "d.json", both)), BODY, trunk=0.05)

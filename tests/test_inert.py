@@ -11,6 +11,7 @@ import zipfile
 import zlib
 
 import bodies
+import estimators
 import numpy as np
 import pytest
 from test_keypoints import same, save
@@ -273,6 +274,19 @@ def test_a_torch_file_that_is_not_numbers_is_refused_and_never_run(
         read_clip(path)
     assert str(path) in str(error.value) and len(str(error.value).splitlines()) == 1
     assert [p.name for p in tmp_path.iterdir()] == ["a.pt"]
+
+
+def test_a_frame_that_ends_elsewhere_than_its_instructions_is_refused():
+    good = estimators.wham(bodies.pose())
+    assert inert.load("a", good)[3]["pose_world"].shape == (12, 72)
+    plain = pickle.dumps({"joints": list(range(300))}, 4)
+    for data, offs in ((good, (-3, 1, 5)), (plain, (-4, 1, 5))):  # within an instruction, beyond
+        at = data.index(b"\x95")
+        size = int.from_bytes(data[at + 1 : at + 9], "little")
+        for off in offs:
+            wrong = data[: at + 1] + (size + off).to_bytes(8, "little") + data[at + 9 :]
+            with pytest.raises(ClipError, match="in two frames|in a frame|a frame of it is cut"):
+                inert.load("a", wrong)
 
 
 def test_a_torch_archive_that_is_none_is_refused(tmp_path, monkeypatch):
