@@ -20,7 +20,7 @@ class Params:
 
     section: ClassVar[str] = "clips"
     clips: str = knob("demo, cmu, or a folder with train/ and test/", shared=True)
-    clips_missing: str = knob("when a trial cannot be had", one_of=("stop", "skip"), shared=True)
+    clips_missing: str = knob("when one cannot be read", one_of=("stop", "skip"), shared=True)
     clips_mirror: str = knob("address or folder of CMU's files", shared=True)
 
 
@@ -31,7 +31,9 @@ def main() -> None:
     for line in found.left_out:
         say(f"left out: {line}")
     with bar(len(found.clips), "reading clips", unit="clips", wait="") as progress:
-        frames = dataset.load(found, progress)
+        frames, lost = dataset.load(found, progress, params.clips_missing)
+    for line in lost:
+        say(f"left out: {line}")
     tables.write(frames._asdict(), MOCAP_POINTS, OUT)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import bodies
+import estimators
 import numpy as np
 from doorway import STRICT, Door, Files, Reading, once
 
@@ -20,6 +21,9 @@ CAMERA = bodies.body(6) @ bodies.INTO["camera"].T
 PIXELS = bodies.listed("spin49", CAMERA).astype("f4") * 300 + 500
 NAMES = ("hip", "r_hip", "l_hip", "neck", "r_shoulder", "r_elbow", "r_wrist", "l_shoulder",
          "l_elbow", "l_wrist")  # fmt: skip
+POSE = bodies.pose(6)
+CENTRES = ("MidHip", "RHip", "LHip", "Neck", "RShoulder", "RElbow", "RWrist", "LShoulder",
+           "LElbow", "LWrist")  # fmt: skip
 PICKLE = "a_00002_prediction_result.pkl"
 
 
@@ -29,11 +33,12 @@ def _distances(points: np.ndarray) -> np.ndarray:
 
 def _owed(it: Reading, joints: np.ndarray | None, fps: float | None, scaled: bool = False) -> None:
     """The clip's points lie as those of the joints do, (n, j, at least 3)."""
-    from s3le.human.clip import FARTHEST, FPS_RANGE
+    from s3le.human.clip import FARTHEST
+    from s3le.human.keypoints.clocks import USUAL
     from s3le.human.keypoints.layouts import LAYOUTS, pick
 
     clip = it.result
-    assert FPS_RANGE[0] <= clip.fps <= FPS_RANGE[1]
+    assert USUAL[0] <= clip.fps <= USUAL[1]
     assert fps is None or clip.fps == fps
     known = np.isfinite(clip.points).all(axis=(1, 2))
     assert known.any() and np.isnan(clip.points[~known]).all()
@@ -135,6 +140,83 @@ def _pickle_owes(it: Reading) -> None:
     _owed(it, joints, 30.0, scaled=True)
 
 
+def _centres_owe(it: Reading) -> None:
+    lines = [line for line in it.files["a.trc"].decode("utf-8-sig").split("\n") if line.strip()]
+    assert lines[0].startswith("PathFileType") and lines[3].lower().startswith("frame#")
+    names = [name.strip() for name in lines[3].split("\t")[2:] if name.strip()]
+    rows = [line.rstrip("\r").split("\t") for line in lines[5:]]
+    rows = [row[: 2 + 3 * len(names)] for row in rows]
+    assert all(len(row) == 2 + 3 * len(names) for row in rows)
+    if set(CENTRES) <= set(names):
+        plain = ("", "nan", "na", "null", "none")
+        table = np.array([[np.nan if f.strip().lower() in plain else float(f) for f in row]
+                          for row in rows])  # fmt: skip
+        places = [names.index(name) for name in CENTRES]
+        _owed(it, table[:, 2:].reshape(len(rows), -1, 3)[:, places], None)
+    else:
+        _owed(it, None, None)
+
+
+class _Joblib(pickle._Unpickler):
+    """Python's own in Python, for numbers behind the names that stand for them."""
+
+    class Wrapper:
+        """What joblib writes in the place of an array."""
+
+    dispatch = dict(pickle._Unpickler.dispatch)  # noqa: RUF012
+
+    def find_class(self, module: str, name: str) -> Any:
+        if name == "NumpyArrayWrapper":
+            return self.Wrapper
+        if (module, name) == ("_codecs", "encode"):
+            return super().find_class(module, name)
+        assert name in {"ndarray", "dtype", "scalar"} and module.split(".")[0] == "numpy"
+        return super().find_class(module, name)
+
+    def load_build(self) -> None:
+        super().load_build()
+        made = self.stack[-1]
+        if isinstance(made, self.Wrapper):
+            if made.numpy_array_alignment_bytes is not None:
+                self.read(self.read(1)[0])
+            size = int(np.prod(made.shape)) * made.dtype.itemsize
+            flat = np.frombuffer(self.read(size), made.dtype)
+            self.stack[-1] = flat.reshape(made.shape, order=made.order)
+
+    dispatch[pickle.BUILD[0]] = load_build
+
+
+def _rotations_owe(it: Reading) -> None:
+    from s3le.human.keypoints import smpl
+
+    if "a.pt" in it.files:  # its parts have checksums
+        _owed(it, smpl.joints(POSE), 30.0)
+        return
+    tree = _Joblib(io.BytesIO(it.files["a.pkl"])).load()
+    ((_, one),) = tree.items()
+    pose = one.get("pose_world")
+    numbers = one.get("frame_ids")
+    known = {"pose", "trans", "pose_world", "trans_world", "betas", "verts", "frame_ids"}
+    if set(one) == known and numbers.tolist() == list(range(len(POSE))):
+        _owed(it, smpl.joints(np.asarray(pose, float)), 30.0)
+    else:
+        _owed(it, None, None)
+
+
+def _people_owe(it: Reading) -> None:
+    tree = json.loads(it.files["a.json"].decode(), object_pairs_hook=once)
+    frames = tree.get("instance_info")
+    try:
+        joints = np.array([f["instances"][0]["keypoints"] for f in frames], float)
+        numbers = [frame["frame_id"] for frame in frames]
+    except (KeyError, IndexError, TypeError, ValueError):
+        joints = None
+    if joints is not None and numbers == list(range(len(frames))) and joints.ndim == 3:
+        _owed(it, joints, None)
+    else:
+        _owed(it, None, None)
+
+
 def _scene_owes(it: Reading) -> None:
     data = it.files["a.glb"]
     assert data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data)
@@ -175,6 +257,18 @@ def _made(kind: str) -> list[Files]:
         }
         return [{"a.json": json.dumps(frames).encode()},
                 {"a.json": json.dumps(named, indent=1).encode()}]  # fmt: skip
+    if kind == "trc":
+        up = points @ bodies.INTO["camera"] @ bodies.INTO["y-up"].T
+        return [{"a.trc": estimators.trc(list(CENTRES), up).encode()}]
+    if kind == "torch":
+        return [{"a.pt": estimators.gvhmr(POSE)}]
+    if kind == "joblib":
+        return [{"a.pkl": estimators.wham(POSE, protocol)} for protocol in (2, 4)]
+    if kind == "people":
+        joints = np.round(bodies.listed("h36m17", bodies.body(6)), 4)
+        sensor = estimators.kinect(bodies.listed("smpl", CAMERA))
+        return [{"a.json": json.dumps(estimators.mmpose(joints)).encode()},
+                {"a.json": json.dumps(sensor).encode()}]  # fmt: skip
     if kind == "glb":
         from test_gltf import packed, scene
 
@@ -191,6 +285,10 @@ def _door(kind: str) -> Door:
         "npy": lambda: Door(_made(kind), ("a.npy",), _read("a.npy"), _array_owes),
         "csv": lambda: Door(_made(kind), ("a.csv",), _read("a.csv"), _table_owes),
         "json": lambda: Door(_made(kind), ("a.json",), _read("a.json"), _json_owes),
+        "trc": lambda: Door(_made(kind), ("a.trc",), _read("a.trc"), _centres_owe),
+        "torch": lambda: Door(_made(kind), ("a.pt",), _read("a.pt"), _rotations_owe),
+        "joblib": lambda: Door(_made(kind), ("a.pkl",), _read("a.pkl"), _rotations_owe),
+        "people": lambda: Door(_made(kind), ("a.json",), _read("a.json"), _people_owe),
         "glb": lambda: Door(_made(kind), ("a.glb",), _read("a.glb"), _scene_owes),
         "pickle": lambda: Door(_made(kind), (PICKLE,), _read(""), _pickle_owes),
     }[kind]()
@@ -198,5 +296,7 @@ def _door(kind: str) -> Door:
 
 KEYPOINTS = {
     f"keypoints {kind}": partial(_door, kind)
-    for kind in ("npz", "npy", "csv", "json", "pickle", "glb")
+    for kind in (
+        "npz", "npy", "csv", "trc", "json", "people", "pickle", "joblib", "torch", "glb"
+    )
 }

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from follower import Plain, Reckless, led_by
 from handmade import bvh, write
+from test_gltf import packed, scene, several
 from test_inert import frankmocap
 from typer.testing import CliRunner
 from worlds import coman, relaxed
@@ -329,6 +330,30 @@ def test_keypoints_are_read_as_said_and_what_is_assumed_is_said(tmp_path, retarg
     assert not (tmp_path / "no").exists()
     said = run("retarget", "--help").output
     assert all(layout in said for layout in LAYOUTS) and all(axes in said for axes in AXES)
+
+
+def test_one_of_a_scenes_animations_is_chosen_and_remembered(tmp_path, retargeter):
+    tree, binary = scene()
+    several(tree)
+    (tmp_path / "a.glb").write_bytes(packed(tree, binary))
+    said = run("retarget", tmp_path / "a.glb", "--out", tmp_path / "out")
+    assert said.exit_code == 1 and "choose: --animation NAME or NUMBER" in said.output
+    said = run("retarget", tmp_path / "a.glb", "--out", tmp_path / "out", "--animation", "dance")
+    assert said.exit_code == 0, said.output
+    assert files.read(tmp_path / "out" / "a.parquet").about["clip_read_animation"] == "dance"
+    summary = json.loads((tmp_path / "out" / "a.json").read_text())
+    assert summary["reading"]["animation"] == "dance"
+
+
+def test_a_folder_of_amass_is_its_motions_without_its_shapes(tmp_path, retargeter):
+    home = tmp_path / "subject"
+    home.mkdir()
+    np.savez(home / "walk_poses.npz", poses=bodies.pose(), mocap_framerate=60.0)
+    for name in ("shape.npz", "male_stagei.npz"):
+        np.savez(home / name, betas=np.zeros(10))
+    said = run("retarget", home, "--out", tmp_path / "out")
+    assert said.exit_code == 0, said.output
+    assert [p.name for p in (tmp_path / "out").glob("*.parquet")] == ["walk_poses.parquet"]
 
 
 def test_a_folder_of_frames_is_one_clip_and_not_mixed_with_others(tmp_path, retargeter):

@@ -7,14 +7,17 @@ import pickle
 import struct
 import time
 import tracemalloc
+import zipfile
+import zlib
 
 import bodies
+import estimators
 import numpy as np
 import pytest
 from test_keypoints import same, save
 
 from s3le.errors import ClipError
-from s3le.human.keypoints import inert
+from s3le.human.keypoints import inert, inert_names, tensors
 from s3le.human.keypoints.how import How
 from s3le.human.read import read_clip
 from s3le.skeleton import features
@@ -105,6 +108,16 @@ def array(shape=b"(K\x02t", code="f8", state=b"", data=b"\0" * 16):
     return made + b"(K\x01" + shape + kind + b"I00\nU%c%stb." % (len(data), data)
 
 
+WRAP = b"\x80\x02cjoblib.numpy_pickle\nNumpyArrayWrapper\n"
+
+
+def joblib(code=b"f8", shape=b"K\x02\x85", order=b"C", name=b"cnumpy\nndarray\n"):
+    """An array as joblib writes it, with numbers for two."""
+    state = b"}(U\x08subclass" + name + b"U\x05shape" + shape + b"U\x05orderU\x01" + order
+    state += b"U\x05dtypecnumpy\ndtype\n(U\x02" + code + b"I00\nI01\ntRu"
+    return WRAP + b")\x81" + state + b"b" + b"\0" * 16 + b"."
+
+
 HOSTILE = {
     "os.system": (pickle.dumps(Runs(os.system, ("touch pwned",))), "wants to call 'posix.system'"),
     "os.system, old": (b"cos\nsystem\n(S'touch pwned'\ntR.", "wants to call 'os.system'"),
@@ -150,7 +163,18 @@ HOSTILE = {
     "million digits": (b"L" + b"9" * 99_999 + b"L\n.", "sound pickle"),
     "text": (b"hello", "sound pickle"),
     "encode": (b"c_codecs\nencode\n(X\x01\0\0\0aU\x05utf-7tR.", "words of it are in 'utf-7'"),
-    "a compressor": (b"cjoblib.numpy_pickle\nNumpyArrayWrapper\n.", "wants to call 'joblib"),
+    "a compressor": (b"cjoblib.numpy_pickle\nNumpyArrayWrapper\n.", "a name at its end"),
+    "joblib's NEWOBJ of another": (b"\x80\x02ccollections\nOrderedDict\n)\x81.", "NEWOBJ"),
+    "joblib without state": (WRAP + b")\x81.", "a wrapper at its end"),
+    "joblib in place of numbers": (b"}U\x06joints" + WRAP[2:] + b")\x81s.", "holds no joints"),
+    "joblib of objects": (joblib(b"O8"), "holds 'O8', which is not numbers"),
+    "joblib of another class": (joblib(name=b"cnumpy\ndtype\n"), "no plain numpy array"),
+    "joblib that is too large": (joblib(shape=b"\x8a\x08" + b"\xff" * 7 + b"\x7f\x85"), "bytes"),
+    "joblib that is cut": (joblib(shape=b"K\x09\x85"), r"an array of shape \(9,\) in"),
+    "joblib of no order": (joblib(order=b"K"), "no plain numpy array"),
+    "torch's name alone": (b"ctorch\nFloatStorage\n.", "a name at its end"),
+    "torch without storage": (
+        b"ctorch._utils\n_rebuild_tensor_v2\n(NK\0(K\x02t(K\x01tI00\nNtR.", "holds no joints"),
     "module tricks": (b"cnumpy.core.multiarray\nfromfile\n.", "call 'numpy.core.multiarray.from"),
 }  # fmt: skip
 
@@ -177,6 +201,117 @@ def test_a_bomb_of_instructions_costs_little(tmp_path):
     assert time.process_time() - begin < 6.0  # [s]
 
 
+def test_indices_of_the_memory_and_keys_that_are_long_to_hash_cost_little():
+    laughs = b"\x80\x02K\x01\x85q\0"  # tuples of the same two, 2^60 of them
+    laughs += b"".join(b"0h%ch%c\x86q%c" % (i, i, i + 1) for i in range(60))
+    before = time.process_time()
+    tracemalloc.start()
+    try:
+        for data, why in (
+            (b"}" + laughs[2:] + b"K\x01s.", "keys that are neither words nor whole numbers"),
+            (b"}(" + laughs[2:] + b"K\x01u.", "keys that are neither words nor whole numbers"),
+        ):
+            with pytest.raises(ClipError, match=why):
+                inert.load("a", data)
+        for data in (b"Nr\xff\xff\xff\x7f.", b"Np2147483647\n."):
+            assert inert.load("a", data) is None  # Python's own takes gigabytes for it
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
+    assert time.process_time() - before < 2.0  # [s]
+
+
+TENSOR_OF = b"ctorch._utils\n_rebuild_tensor_v2\n((U\x07storagectorch\nFloatStorage\nU\x010U\x03cpu"
+
+
+def tensor(offset=0, size=(2, 3), stride=(3, 1), count=6, key=b"0", kind=b"FloatStorage"):
+    """A tensor of torch's by hand, in a dict of joints."""
+    made = TENSOR_OF.replace(b"U\x010", b"U%c%s" % (len(key), key))
+    made = made.replace(b"FloatStorage", kind) + whole(count) + b"tQ" + whole(offset)
+    made += b"".join(b"(" + b"".join(map(whole, own)) + b"t" for own in (size, stride))
+    return b"\x80\x02}U\x06joints" + made + b"I00\nNtRs."
+
+
+def whole(number):
+    return b"\x8a\x08" + struct.pack("<q", number)
+
+
+def archive(folder, pickled, parts=(("data/0", b"\0" * 24),), byteorder=b"little"):
+    path = folder / "a.pt"
+    with zipfile.ZipFile(path, "w") as made:
+        for name, data in (("data.pkl", pickled), ("byteorder", byteorder), *parts):
+            made.writestr(f"archive/{name}", data)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("pickled", "parts", "why"),
+    [
+        (tensor(), (), "holds no joints|24|wanted"),
+        (tensor(offset=1), None, r"a tensor of size \(2, 3\) in 6"),
+        (tensor(size=(3, 3)), None, r"a tensor of size \(3, 3\) in 6"),
+        (tensor(stride=(2**61, 1)), None, "a tensor of size"),
+        (tensor(size=(2**40, 3), stride=(0, 1)), None, "refused, a tensor of size"),
+        (tensor(size=(-1, 3)), None, "refused, a tensor of size"),
+        (tensor(size=(2,)), None, "without sizes or strides"),
+        (tensor(count=2**60), None, "a storage of 24 bytes, wanted"),
+        (tensor(count=-1), None, "a storage of -1 numbers"),
+        (tensor(key=b"../../0"), None, "a storage of None bytes"),
+        (tensor(kind=b"BFloat16Storage"), None, "holds no joints"),
+        (tensor(kind=b"UntypedStorage"), None, "wants to call 'torch.UntypedStorage'"),
+        (b"\x80\x02K\x01Q.", None, "an? tuple wanted|tuple"),
+        (pickle.dumps(Runs(os.system, ("touch pwned",)), 2), None, "wants to call 'posix.system'"),
+        (b"\x80\x02ctorch._utils\n_rebuild_device_tensor_from_numpy\n.", None, "wants to call"),
+    ],
+)
+def test_a_torch_file_that_is_not_numbers_is_refused_and_never_run(
+    tmp_path, pickled, parts, why, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    more = (("data/0", b"\0" * 24),) if parts is None else parts
+    path = archive(tmp_path, pickled, more)
+    with pytest.raises(ClipError, match=why) as error:
+        read_clip(path)
+    assert str(path) in str(error.value) and len(str(error.value).splitlines()) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["a.pt"]
+
+
+def test_a_frame_that_ends_elsewhere_than_its_instructions_is_refused():
+    good = estimators.wham(bodies.pose())
+    assert inert.load("a", good)[3]["pose_world"].shape == (12, 72)
+    plain = pickle.dumps({"joints": list(range(300))}, 4)
+    for data, offs in ((good, (-3, 1, 5)), (plain, (-4, 1, 5))):  # within an instruction, beyond
+        at = data.index(b"\x95")
+        size = int.from_bytes(data[at + 1 : at + 9], "little")
+        for off in offs:
+            wrong = data[: at + 1] + (size + off).to_bytes(8, "little") + data[at + 9 :]
+            with pytest.raises(ClipError, match="in two frames|in a frame|a frame of it is cut"):
+                inert.load("a", wrong)
+
+
+def test_a_torch_archive_that_is_none_is_refused(tmp_path, monkeypatch):
+    for data, why in ((b"", "no file of torch.save"), (b"PK\3\4" + b"\0" * 90, "no sound file")):
+        (tmp_path / "b.pt").write_bytes(data)
+        with pytest.raises(ClipError, match=why):
+            read_clip(tmp_path / "b.pt")
+    with pytest.raises(ClipError, match="numbers of a big-endian machine"):
+        read_clip(archive(tmp_path, tensor(), byteorder=b"big"))
+    with pytest.raises(ClipError, match="has 2 data.pkl in it, wanted one"):
+        read_clip(archive(tmp_path, tensor(), [("b/data.pkl", b"N.")]))
+    monkeypatch.setattr(tensors, "MAX_BYTES", 2**20)
+    for path, why in (
+        (archive(tmp_path, tensor(), [("data/0", b"\0" * 2**21)]), "unpacks to more|longer than"),
+        (tmp_path / "c.pkl", "unpacks to more than 1 MiB"),
+    ):
+        if path.suffix == ".pkl":
+            path.write_bytes(zlib.compress(b"\0" * 2**22))
+        with pytest.raises(ClipError, match=why):
+            read_clip(path)
+    (tmp_path / "d.pkl").write_bytes(zlib.compress(pickle.dumps([1]))[:-3])
+    with pytest.raises(ClipError, match="its end is missing"):
+        read_clip(tmp_path / "d.pkl")
+
+
 def test_what_is_named_often_is_made_once(tmp_path):
     big = 8 << 20  # [bytes]
     text = b"X" + struct.pack("<I", big) + b"a" * big
@@ -188,8 +323,16 @@ def test_what_is_named_often_is_made_once(tmp_path):
     array = array + (b"h\x01(h\0h\x02J" + struct.pack("<i", big) + b"\x85X\x01\0\0\0CtRa") * 2000
     number = b"\x80\x05\x8b" + struct.pack("<i", big) + b"\x01" * big + b"\x940}"
     number += b"h\0K\x01s" * 2000 + b"."
+    older = (b"\x80\x02\x8a\x0al\xfc\x9cF\xf9 j\xa8P\x19.\x80\x02M\xe9\x03."
+             b"\x80\x02}U\x0dlittle_endian\x88s.\x80\x02(U\x07storagectorch\nFloatStorage\n"
+             b"U\x01aU\x03cpu" + whole(big // 4) + b"NtQ.\x80\x02]U\x01aa."
+             + struct.pack("<q", big // 4) + b"\0" * big)  # fmt: skip
+    torch = b"\x80\x05\x8e" + struct.pack("<Q", len(older)) + older + b"\x940]"
+    torch += b"ctorch.storage\n_load_from_bytes\nh\0\x85Ra" * 2000 + b"."
     tracemalloc.start()
     try:
+        storages = inert.load("a", torch)
+        assert len(storages) == 2000 and storages[0].shape == (big // 4,)
         assert len(inert.load("a", held)) == 2000
         assert len(inert.load("a", array + b".")) == 2001
         with pytest.raises(ClipError, match="keys that are neither"):
@@ -285,7 +428,7 @@ def test_frankmocaps_frames_are_a_clip_with_gaps_where_nobody_was(tmp_path, prot
 
 def test_frankmocaps_tensors_stay_closed():
     made = inert.load("a", b"}(U\x10img_cropped_norm" + TENSOR + b"U\x01aK\x01u.")
-    assert made == {"img_cropped_norm": inert.CLOSED, "a": 1}
+    assert made == {"img_cropped_norm": inert_names.CLOSED, "a": 1}
 
 
 def test_frankmocaps_people_and_other_files_are_told_apart(tmp_path):

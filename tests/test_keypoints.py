@@ -1,5 +1,6 @@
 import csv
 import json
+import os
 import re
 
 import bodies
@@ -396,8 +397,8 @@ def test_pickled_arrays_stay_closed_and_others_of_the_archive_are_read(tmp_path)
     same(clip, BODY)
     with pytest.raises(ClipError, match="of its arrays results stay closed, which are pickled"):
         read_clip(save(tmp_path, "b.npz", {"results": words}))
-    with pytest.raises(ClipError, match="is pickled"):
-        read_clip(save(tmp_path, "c.npy", words))
+    with pytest.raises(ClipError, match=r"no joints that are known here \(a int\)"):
+        read_clip(save(tmp_path, "c.npy", words))  # a dict, read as data
 
 
 def test_options_for_keypoints_are_refused_where_a_file_says_it_itself(tmp_path):
@@ -429,6 +430,15 @@ def test_a_digest_is_of_a_file_or_of_a_folder_of_frames(tmp_path):
     assert digest(first) != before == digest(folder)
     (folder / "a_000_keypoints.json").write_text("{ }")
     assert digest(folder) != before
+
+
+def test_a_folder_and_a_pipe_are_called_what_they_are(tmp_path):
+    (tmp_path / "a.npz").mkdir()
+    os.mkfifo(tmp_path / "b.npz")
+    for name, why in (("a.npz", "is a folder without frames"), ("b.npz", "is no file but a pipe"),
+                      ("c.npz", "no such file")):  # fmt: skip
+        with pytest.raises(ClipError, match=why):
+            read_clip(tmp_path / name)
 
 
 def test_every_suffix_that_is_read_is_in_the_refusal_of_others(tmp_path):

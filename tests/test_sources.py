@@ -1,5 +1,6 @@
 import gzip
 import hashlib
+import json
 import os
 import re
 import subprocess
@@ -8,10 +9,14 @@ import zipfile
 from contextlib import contextmanager
 from pathlib import Path
 
+import bodies
+import estimators
+import numpy as np
 import pytest
 from handmade import amc, asf, bvh, deepmimic, table, write
 from webserver import serving
 
+from s3le import clips
 from s3le.errors import ClipError, FetchError, ParameterError
 from s3le.human import fetch, sources
 from s3le.human.read import read_clip
@@ -330,3 +335,49 @@ def test_an_empty_split_is_refused(own, split):
     if split != "heldout":
         with pytest.raises(ClipError, match=f"{split}: no motion file"):
             sources.folder(own)
+
+
+def test_a_folder_may_hold_whatever_retarget_reads(tmp_path):
+    root = tmp_path / "own"
+    write(root / "train" / "walk.bvh", bvh([ROW]))
+    amass = root / "train" / "CMU" / "01"
+    amass.mkdir(parents=True)
+    poses = {"poses": np.pad(bodies.pose(), ((0, 0), (0, 84))), "mocap_framerate": 120.0}
+    np.savez(amass / "01_01_poses.npz", **poses)
+    for name in ("shape.npz", "neutral_stagei.npz"):  # of AMASS, without motion
+        np.savez(amass / name, betas=np.zeros(10))
+    frames = root / "test" / "openpose"
+    joints = bodies.listed("body25", bodies.body(3) @ bodies.INTO["camera"].T)
+    for number, own in enumerate(joints):
+        numbers = np.c_[own, np.ones(len(own))].ravel().tolist()
+        tree = {"people": [{"pose_keypoints_3d": numbers}]}
+        write(frames / f"a_{number:03d}_keypoints.json", json.dumps(tree))
+    write(root / "test" / "wham_output.pkl", estimators.wham(bodies.pose()))
+    found = sources.folder(root)
+    assert [(s.clip, s.split) for s in found.clips] == [
+        ("CMU/01/01_01_poses", "train"), ("walk", "train"), ("openpose", "test"),
+        ("wham_output", "test"),
+    ]  # fmt: skip
+    assert found.left_out == [f"train/CMU/01/{name}: not a motion file"
+                              for name in ("neutral_stagei.npz", "shape.npz")]  # fmt: skip
+    read, lost = clips.load(found)
+    assert lost == []
+    counts = {name: int((read.clip == name).sum()) for name in dict.fromkeys(read.clip)}
+    assert counts == {"CMU/01/01_01_poses": 12, "walk": 1, "openpose": 3, "wham_output": 12}
+    assert set(read.fps[read.clip == "CMU/01/01_01_poses"]) == {120.0}
+
+
+def test_one_bad_clip_stops_the_others_or_is_left_out_as_asked(own):
+    write(own / "train" / "bad.bvh", b"nonsense")
+    write(own / "test" / "odd.npz", b"PK")
+    found = sources.folder(own)
+    with pytest.raises(ClipError, match="bad.bvh: looks like text of no motion format"):
+        clips.load(found)
+    done = []
+    read, lost = clips.load(found, done.append, missing="skip")
+    assert list(dict.fromkeys(read.clip)) == ["a", "b/wave", "me_01", "kick"]
+    assert len(lost) == 2 and "bad.bvh: looks like" in lost[0] and "odd.npz: is no" in lost[1]
+    assert sum(done) == len(found.clips)
+    write(own / "test" / "kick.bvh.gz", b"nonsense")
+    with pytest.raises(ClipError, match="not one of 2 clips of 'test' can be read; first: .*kick"):
+        clips.load(sources.folder(own), missing="skip")

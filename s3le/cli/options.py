@@ -67,3 +67,10 @@ Confidence = Annotated[
         help="Leave out frames in which a joint is less certain, 0 to 1.", show_default="0.1"
     ),
 ]
+Animation = Annotated[
+    str | None,
+    typer.Option(
+        help="Which animation of a glTF scene: its name, or its number from 0.",
+        show_default="the only one",
+    ),
+]

@@ -20,8 +20,8 @@ def retarget(
         list[Path],
         typer.Argument(
             help="Motion files (.amc, .bvh, DeepMimic .txt or .json; or with .gz), .parquet of "
-            "s3le video, 3D keypoints (.npz, .npy, .csv, .json, .pkl, a folder of FrankMocap or "
-            "OpenPose), .glb or .gltf, or folders.",
+            "s3le video, 3D keypoints (.npz, .npy, .csv, .trc, .json, .pkl, .pt, a folder of "
+            "FrankMocap or OpenPose), .glb, .gltf or .vrma, or folders.",
             show_default=False,
         ),
     ],
@@ -72,6 +72,7 @@ def retarget(
     pitch: options.Pitch = None,
     person: options.Person = None,
     confidence: options.Confidence = None,
+    animation: options.Animation = None,
 ) -> None:
     """Retarget motion files: one Parquet and one JSON summary per clip, all of it certified.
 
@@ -98,7 +99,7 @@ def retarget(
         from s3le.retarget import outputs
 
         read = {"fps": fps, "tilt_max": tilt_max,
-                "how": shell.how(layout, axes, pitch, person, confidence)}  # fmt: skip
+                "how": shell.how(layout, axes, pitch, person, confidence, animation)}  # fmt: skip
         paths = chosen(clips)
         retargeter = shell.retargeter(model, method)
         own = retargeter.robot.name

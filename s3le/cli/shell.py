@@ -140,6 +140,7 @@ def how(
     pitch: float | None,
     person: int | None,
     confidence: float | None,
+    animation: str | None,
 ) -> "How":
     """What the command line says about keypoints.
 
@@ -148,7 +149,7 @@ def how(
     """
     from s3le.human.keypoints.how import How
 
-    return How(layout, axes, pitch, person, confidence).check()
+    return How(layout, axes, pitch, person, confidence, animation).check()
 
 
 def names(given: str | None) -> list[str] | None:

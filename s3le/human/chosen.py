@@ -6,7 +6,7 @@ from pathlib import Path
 from s3le.errors import ParameterError
 from s3le.human.clip import clip_name
 from s3le.human.keypoints.folders import frames_of, is_frame
-from s3le.human.read import KEYPOINTS, READ, is_clip, suffix_of
+from s3le.human.read import READ, is_clip
 
 
 def chosen(given: list[Path]) -> list[Path]:
@@ -20,9 +20,7 @@ def chosen(given: list[Path]) -> list[Path]:
     """
     paths = []
     for path in given:
-        inside = sorted(
-            p for p in path.glob("*") if is_clip(p) or suffix_of(p) in KEYPOINTS or frames_of(p)
-        )
+        inside = sorted(p for p in path.glob("*") if is_clip(p) or frames_of(p))
         others = [p for p in inside if not is_frame(p)]
         frames = frames_of(path)
         if frames == path and others:

@@ -50,15 +50,34 @@ def find(clips: str, folder: Path, cache: Path, mirror: str, missing: str) -> So
     return sources.folder(folder / clips)
 
 
-def load(found: Sources, progress: Progress | None = None) -> Frames:
+def load(
+    found: Sources, progress: Progress | None = None, missing: str = "stop"
+) -> tuple[Frames, list[str]]:
     """Read every clip.
 
+    Args:
+        found: which clips.
+        progress: called with how many more are read.
+        missing: "stop" at the first file that cannot be read, or "skip" it.
+
+    Returns:
+        Pair (frames, left_out): all rows, and a sentence for each file that was skipped.
+
     Raises:
-        ClipError: the first file that cannot be read, and where in it.
+        ClipError: the first file that cannot be read, and where in it; with "skip" where a split
+            has no other.
     """
-    parts = []
+    parts, lost = [], {}
     for source in found.clips:
-        clip = read_clip(source.path, source.fps)
+        if progress:
+            progress(1)
+        try:
+            clip = read_clip(source.path, source.fps)
+        except ClipError as refusal:
+            if missing == "stop":
+                raise
+            lost[source] = str(refusal)
+            continue
         n = len(clip.points)
         parts.append(
             Frames(
@@ -69,9 +88,13 @@ def load(found: Sources, progress: Progress | None = None) -> Frames:
                 clip.points.reshape(n, -1),
             )
         )
-        if progress:
-            progress(1)
-    return Frames(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    for split in {source.split: None for source in found.clips}:
+        here = [source for source in found.clips if source.split == split]
+        if all(source in lost for source in here):
+            raise ClipError(f"not one of {len(here)} clips of '{split}' can be read; first: "
+                            f"{lost[here[0]]}")  # fmt: skip
+    frames = Frames(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return frames, list(lost.values())
 
 
 class Domain(NamedTuple):

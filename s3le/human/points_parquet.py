@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 
 from s3le.errors import ClipError
 from s3le.human.clip import FARTHEST, Clip, check_rate, clip_name, make_clip
+from s3le.human.keypoints import clocks
 from s3le.skeleton import POINTS
 from s3le.store.atomic import replace
 
@@ -81,7 +82,7 @@ def read_points(path: Path | str, fps: float | None = None) -> Clip:
 
     Raises:
         ClipError: not Parquet, of another format, damaged, with times that are not at its rate,
-            or without one whole frame.
+            or without one whole frame; of a rate at which nobody is recorded, where fps is None.
         ParameterError: fps is no sensible rate.
     """
     table = _table(Path(path))
@@ -109,6 +110,8 @@ def read_points(path: Path | str, fps: float | None = None) -> Clip:
     make_clip(path, own, points[whole])  # the known ones must be believable
     if fps is not None:
         check_rate(fps, "fps")
+    else:
+        clocks.usual(path, own)
     points.setflags(write=False)
     return Clip(clip_name(path), float(own if fps is None else fps), points)
 

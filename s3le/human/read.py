@@ -2,6 +2,7 @@
 
 import gzip
 import hashlib
+import re
 import zlib
 from pathlib import Path
 
@@ -13,30 +14,27 @@ from s3le.human.deepmimic import read_deepmimic
 from s3le.human.keypoints.folders import frames_of
 from s3le.human.keypoints.how import How
 from s3le.human.keypoints.read import read_keypoints
+from s3le.human.keypoints.trc import SKIN
 from s3le.human.points_parquet import is_points, read_points
 from s3le.human.text import read_bytes
 
 SUFFIXES = (".amc", ".bvh", ".json", ".txt")  # each also with .gz; .asf goes with .amc
 # Of estimators, as .json may be; and skeletons of scenes.
-KEYPOINTS = (".npz", ".npy", ".csv", ".pkl", ".pickle", ".glb", ".gltf")
+KEYPOINTS = (
+    ".npz", ".npy", ".csv", ".trc", ".pkl", ".pickle", ".pt", ".pth", ".glb", ".gltf", ".vrma"
+)  # fmt: skip
+_NO_MOTION = re.compile(r"shape\.npz|(male|female|neutral)_stagei\.npz")  # beside AMASS' motions
 POINTS = ".parquet"  # of `s3le video`
 READ = (*SUFFIXES, POINTS, *KEYPOINTS)
-_MARKERS = (
-    "markers lie on the skin, and joint centres need a model of the body: take the trial's .amc or "
-    ".bvh, or compute the centres elsewhere and give them as .csv with named joints"
-)
 _FILM = "that is a video; estimate the joints first: s3le video {name} --out {stem}.parquet"
 ROUTES = {  # formats that are not read, and the way round
     ".fbx": "convert it to .glb, with Blender: blender -b --python-expr \"import bpy; "
     "bpy.ops.wm.read_factory_settings(use_empty=True); "
     "bpy.ops.import_scene.fbx(filepath='{name}'); "
     "bpy.ops.export_scene.gltf(filepath='{stem}.glb')\"",
-    ".c3d": _MARKERS,
-    ".trc": _MARKERS,
+    ".c3d": SKIN,
     ".zip": "unpack it, and give the file or the folder in it",
     **dict.fromkeys((".mp4", ".mov", ".avi", ".mkv", ".webm"), _FILM),
-    ".pt": "tensors are pickled: save the joints with numpy.savez",
-    ".pth": "tensors are pickled: save the joints with numpy.savez",
 }
 
 
@@ -93,7 +91,9 @@ def read_clip(path: Path | str, fps: float | None = None, how: How | None = None
 
 def is_clip(path: Path | str) -> bool:
     """Whether a file in a folder is taken for a clip; robots' motions are Parquet files too."""
-    kind = suffix_of(path)
+    path, kind = Path(path), suffix_of(path)
+    if kind in KEYPOINTS:
+        return not _NO_MOTION.fullmatch(path.name)
     return kind in SUFFIXES or (kind == POINTS and is_points(path))
 
 

@@ -21,8 +21,9 @@ from s3le.errors import ClipError, FetchError, ParameterError
 from s3le.human import fetch
 from s3le.human import manifest as manifests
 from s3le.human.clip import clip_name
+from s3le.human.keypoints.folders import is_frame
 from s3le.human.manifest import SPLITS
-from s3le.human.read import SUFFIXES, first_bytes, is_clip, suffix_of
+from s3le.human.read import READ, first_bytes, is_clip, suffix_of
 from s3le.human.text import MAX_BYTES, looks_like, read_bytes
 from s3le.store.atomic import replace
 
@@ -261,10 +262,11 @@ def _wrong(path: Path, name: str, digest: str, packed: bool | None = None) -> st
 
 
 def folder(path: Path) -> Sources:
-    """One's own clips: motion files anywhere below train/ and test/, and heldout/ if there.
+    """One's own clips: whatever `read_clip` reads below train/ and test/, and heldout/ if there.
 
-    A clip is called after its path below its split, without suffixes. An optional fps.csv
-    beside the splits, with clip and fps, gives rates that override the files' own.
+    A clip is called after its path below its split, without suffixes; a folder of frames is one
+    clip. An optional fps.csv beside the splits, with clip and fps, gives rates that override the
+    files' own.
 
     Args:
         path: the folder that holds the splits.
@@ -287,7 +289,7 @@ def folder(path: Path) -> Sources:
             continue
         count = len(clips)
         for file in _files(path / split):
-            if not is_clip(file) or not _is_motion(file):
+            if not file.is_dir() and not (is_clip(file) and _is_motion(file)):
                 if suffix_of(file) != ".asf":  # a companion, not a clip
                     ignored.append(f"{file.relative_to(path)}: not a motion file")
                 continue
@@ -297,7 +299,7 @@ def folder(path: Path) -> Sources:
                 raise ClipError(f"{file}: {name} is also {clips[name].path}; rename one")
             clips[name] = Source(name, split, file, rates.get(name), "")
         if len(clips) == count:
-            want = ", ".join(SUFFIXES)
+            want = ", ".join(READ)
             raise ClipError(f"{path / split}: no motion file ({want}) in this folder")
     for name in sorted(rates.keys() - clips.keys()):
         hint = "".join(f"; did you mean {n}?" for n in get_close_matches(name, clips, n=1))
@@ -306,8 +308,12 @@ def folder(path: Path) -> Sources:
 
 
 def _files(top: Path) -> list[Path]:
-    """Every file below a folder, sorted by its path."""
-    found = [Path(here) / name for here, _, names in os.walk(top) for name in names]
+    """Every file below a folder, and every folder of frames in place of these, sorted by path."""
+    found = []
+    for here, _, names in os.walk(top):
+        frames = [name for name in names if is_frame(name)]
+        found += [Path(here)] if frames else []
+        found += [Path(here) / name for name in set(names) - set(frames)]
     return sorted(found, key=lambda file: file.relative_to(top).parts)
 
 

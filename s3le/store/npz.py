@@ -75,6 +75,21 @@ def read_npy(path: Path, error: type[S3leError], most: int) -> np.ndarray:
         return _array(str(path), stream, size, error, None)
 
 
+def pickled(path: Path, error: type[S3leError], most: int) -> bytes | None:
+    """The pickle of a file whose array holds objects, as bytes; None: it holds no objects.
+
+    Raises:
+        error: no array of numpy's, or longer than most.
+    """
+    with path.open("rb") as stream:
+        if not _header(str(path), stream, error)[2].hasobject:
+            return None
+        data = stream.read(most + 1)
+    if len(data) > most:
+        raise error(f"{path}: holds more than {_size(most)}")
+    return data
+
+
 def _array(
     name: str, stream: BinaryIO, size: int, error: type[S3leError], closed: list[str] | None
 ) -> np.ndarray | None:

@@ -201,7 +201,7 @@ def skeletons(looked: Looked, choices: Choices, path: Path | str = "the video") 
 
 
 def write(made: Skeletons, path: Path) -> None:
-    """Write skeletons as a file that every command reads as a clip; see mocap.points_parquet."""
+    """Write skeletons as a file that every command reads as a clip; see human.points_parquet."""
     points_parquet.write(
         path, made.fps, made.time, made.points, made.visibility, made.status, made.about
     )

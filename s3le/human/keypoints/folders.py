@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 
 from s3le.human.keypoints import inert
-from s3le.human.keypoints.found import Found, choose, openpose
+from s3le.human.keypoints.clocks import Clock
+from s3le.human.keypoints.found import Found, openpose
 from s3le.human.keypoints.how import How
 from s3le.human.keypoints.layouts import LAYOUTS
+from s3le.human.keypoints.people import choose
 from s3le.human.keypoints.values import numbers
 from s3le.human.keypoints.written import read_json
 from s3le.human.text import read_bytes, refusal
@@ -118,7 +120,7 @@ def _frankmocap(folder: Path, names: list[str], rows: list[int], count: int, how
     with np.errstate(invalid="ignore", divide="ignore"):  # a trunk of no length: no frame
         trunk = np.linalg.norm(joints[:, neck] - joints[:, hip], axis=1)[:, None, None]
         joints = np.where(trunk > 0.0, joints * TRUNK / trunk, np.nan)
-    return Found(joints, None, None, None, None, "FrankMocap's body joints", "spin49", person)
+    return Found(joints, None, None, Clock(), "FrankMocap's body joints", "spin49", person)
 
 
 def _joints_of(person: Any) -> Any:

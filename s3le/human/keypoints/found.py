@@ -4,39 +4,36 @@ Keys are those of the estimators' own files and of common dumps of them. What is
 so that a person can see it; several candidates, or none, refuse the file and list its keys.
 """
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from s3le.human.keypoints import layouts, smpl
+from s3le.human.keypoints import clocks, layouts, people, rotations
+from s3le.human.keypoints.clocks import Clock, key
 from s3le.human.keypoints.how import How
-from s3le.human.keypoints.values import SEEN, number, numbers, turned
+from s3le.human.keypoints.people import LIFT, WHOLE, choose
+from s3le.human.keypoints.values import SEEN, numbers, turned
 from s3le.human.text import listed, refusal
 
 PLACES = (  # keys of joints' places, without _ and -; the first that is there
     "world", "worldlandmarks", "poseworldlandmarks", "joints3d", "smpljoints", "kp3d",
     "keypoints3d", "pose3d", "poses3d", "posekeypoints3d", "jointpositions", "positions",
     "joints", "keypoints", "skeleton", "skeletons", "landmarks", "xyz", "coordinates",
+    "poselandmarks", "normalizedlandmarks",
 )  # fmt: skip
-RATES = ("fps", "framerate", "mocapframerate", "mocapframe_rate", "rate", "hz")
-TIMES = ("time", "times", "timestamp", "timestamps", "t")
-_CONFIDENCE = (*SEEN, "visibilities", "scores", "confidences", "kpscore", "keypointscores")
-_FRAMES = ("frames", "data", "results", "sequence")
-_NAMES = ("jointnames", "names", "keypointnames", "joint_names", "landmarknames")
-_POSES = (  # (rotation of the root, of the others, place): of SMPL, axis times angle
-    ("smplorientworld", "smplpose", "roottransworld"),
-    ("smplorientcam", "smplpose", "roottranscam"),
-    ("globalorient", "bodypose", "transl"),
-    ("", "poses", "trans"),
-    ("", "smplthetas", ""),
-    ("", "thetas", ""),
-    ("", "fullpose", "trans"),
-)
-_WHOLE = re.compile(r"[0-9]{1,9}")  # the number of a person
-LIFT = "retargeting needs 3D; lift them first, or take an estimator of 3D"
+_CONFIDENCE = (
+    *SEEN, "visibilities", "scores", "confidences", "kpscore", "keypointscores",
+    "jointconfidence", "jointconfidences", "confidencelevel", "confidencelevels",
+)  # fmt: skip
+_FRAMES = ("frames", "data", "results", "sequence", "instanceinfo", "predictions")
+_WORLDS = (  # keys of dicts of which one is the person's motion; the world's before a camera's
+    "smplparamsglobal", "smplxworld", "smplworld", "smplparamsincam", "smplxcam", "smplcam",
+    "smplparams", "smplxparams", "predsmplparams",
+)  # fmt: skip
+_NAMES = ("jointnames", "names", "keypointnames", "landmarknames")
+_NUMBERS = ("frameids", *people.FRAME, "frames")  # of frames, one a row
 
 
 class Found(NamedTuple):
@@ -45,12 +42,12 @@ class Found(NamedTuple):
     joints: np.ndarray  # (n, j, 3), NaN where unknown
     names: tuple[str, ...] | None
     confidence: np.ndarray | None  # (n, j)
-    fps: float | None  # [Hz]
-    time: np.ndarray | None  # [s], (n,)
+    clock: Clock
     what: str  # for people
     layout: str | None = None  # known from the key
     person: int | None = None
     axes: str | None = None  # known from the format
+    told: tuple[str, ...] = ()  # what was assumed
 
 
 def find(path: Path | str, tree: Any, how: How) -> Found:
@@ -64,32 +61,44 @@ def find(path: Path | str, tree: Any, how: How) -> Found:
     Raises:
         ClipError: no joints, more than one candidate, only 2D, several persons and none chosen.
     """
+    if (name := people.list_of(tree)) is not None:
+        rows, person = people.of_frames(path, tree, name, how)
+        return find(path, rows, how._replace(person=None))._replace(person=person)
     tree = turned(tree)
     if not isinstance(tree, Mapping):
         return _of_array(path, tree, "its array", how)
-    keys = {_key(key): key for key in tree}
+    keys = {key(name): name for name in tree}
     for name in _FRAMES:
         inner = tree.get(keys.get(name))
-        if isinstance(inner, (list, Mapping)) and not _places(keys):
-            found = find(path, inner, how)
-            return found._replace(fps=found.fps or _rate(tree, keys))
-    if "people" in keys:
+        count = isinstance(inner, list) and any(isinstance(v, (int, float)) for v in inner)
+        if isinstance(inner, (list, Mapping)) and not count and not _places(keys):
+            return _with(path, find(path, inner, how), tree, keys)
+    if "people" in keys and not isinstance(tree[keys["people"]], Mapping):
         return _people(path, tree, how)
-    if "persondata" in keys:
-        tree = tree[keys["persondata"]]
-        if not isinstance(tree, Mapping):
-            raise refusal(path, None, "its person_data are no dict of persons")
-        keys = {_key(key): key for key in tree}
-    if keys and all(_WHOLE.fullmatch(key) for key in keys) and all(
+    for name in ("persondata", "people"):
+        if name in keys:
+            tree = tree[keys[name]]
+            if not isinstance(tree, Mapping):
+                raise refusal(path, None, f"its '{keys[name]}' is no dict of persons")
+            keys = {key(name): name for name in tree}
+            break
+    if people.is_phalp(tree):
+        rows, person = people.of_phalp(path, tree, how)
+        return find(path, rows, how._replace(person=None))._replace(person=person)
+    if keys and all(WHOLE.fullmatch(name) for name in keys) and all(
         isinstance(value, (Mapping, list)) for value in tree.values()
     ):
-        person, chosen = choose(path, sorted(tree, key=lambda k: int(_key(k))), how)
+        person, chosen = choose(path, sorted(tree, key=lambda k: int(key(k))), how)
         return find(path, tree[chosen], how._replace(person=None))._replace(person=person)
+    for name in _WORLDS:
+        inner = turned(tree.get(keys.get(name)))
+        if isinstance(inner, Mapping) and not _places(keys):
+            found = _with(path, find(path, inner, how), tree, keys)
+            return found._replace(what=f"{found.what} of '{keys[name]}'")
     return _of_keys(path, tree, keys, how)
 
 
 def _of_keys(path: Path | str, tree: Mapping, keys: dict[str, Any], how: How) -> Found:
-    confidence, taken = None, None
     found = _places(keys)
     if found:
         taken = keys[found]
@@ -105,53 +114,56 @@ def _of_keys(path: Path | str, tree: Mapping, keys: dict[str, Any], how: How) ->
                 if confidence is not None and confidence.shape == base.joints.shape[:2]:
                     base = base._replace(confidence=confidence)
     else:
-        base = _posed(path, tree, keys) or _named(path, tree)
+        base = _posed(path, tree, keys, how) or _named(path, tree)
         if base is None:
             base = _only(path, tree, how)
+    return _with(path, base, tree, keys)
+
+
+def _with(path: Path | str, base: Found, tree: Mapping, keys: dict[str, Any]) -> Found:
+    """With what else the dict says: names of the joints, the clock, which frames the rows are."""
     for name in _NAMES:
         given = tree.get(keys.get(name))
         given = given.tolist() if isinstance(given, np.ndarray) else given
         if isinstance(given, list) and len(given) == base.joints.shape[1] and base.names is None:
             if all(isinstance(word, str) for word in given):
                 base = base._replace(names=tuple(given))
-    base = base._replace(fps=base.fps or _rate(tree, keys))
-    for name in TIMES:
-        if base.time is None and base.fps is None and name in keys:
-            time = numbers(path, tree[keys[name]], f"'{keys[name]}'")
-            if time is not None and time.shape == base.joints.shape[:1]:
-                base = base._replace(time=time)
+    meta = tree.get(keys.get("metainfo"))
+    if base.names is None and isinstance(meta, Mapping):  # mmpose's
+        given = meta.get("keypoint_id2name")
+        given = [str(word) for word in given.values()] if isinstance(given, Mapping) else []
+        if len(given) == base.joints.shape[1] and not layouts.by_names(given).missing:
+            base = base._replace(names=tuple(given))
+    count = len(base.joints)
+    base = base._replace(clock=base.clock.or_else(clocks.find(path, tree, count)))
+    for name in _NUMBERS:
+        given = tree.get(keys.get(name))
+        table = None if given is None else numbers(path, given, f"'{keys[name]}'")
+        rows = people.gaps(path, table, count)
+        if rows is not None and base.clock.time is None:
+            return _spread(base, rows, keys[name])
     return base
 
 
-def choose(path: Path | str, there: list[Any], how: How) -> tuple[int | None, Any]:
-    """One of several persons, and its number where that had to be chosen.
+def _spread(base: Found, rows: np.ndarray, name: str) -> Found:
+    """Frames at their own rows, unknown ones between them."""
+    whole = int(rows[-1]) + 1
 
-    Raises:
-        ClipError: there are several and none was chosen, or the chosen one is not there.
-    """
-    numbered = [int(str(k)) if _WHOLE.fullmatch(str(k)) else i for i, k in enumerate(there)]
-    if how.person is None:
-        if len(there) == 1:
-            return None, there[0]
-        seen = listed(map(str, sorted(numbered)))
-        raise refusal(path, None, f"holds {len(there)} persons ({seen}); choose one: --person N")
-    if how.person in numbered:
-        return how.person, there[numbered.index(how.person)]
-    seen = listed(map(str, sorted(numbered)))
-    raise refusal(path, None, f"holds no person {how.person}; there: {seen}")
+    def at(values: np.ndarray | None) -> np.ndarray | None:
+        if values is None:
+            return None
+        made = np.full((whole, *values.shape[1:]), np.nan)
+        made[rows] = values
+        return made
 
-
-def _key(key: Any) -> str:
-    return str(key).lower().replace("_", "").replace("-", "").replace(" ", "")
+    told = f"{whole - len(rows)} frames are left out between others, by '{name}'"
+    return base._replace(
+        joints=at(base.joints), confidence=at(base.confidence), told=(*base.told, told)
+    )
 
 
 def _places(keys: Mapping[str, Any]) -> str | None:
     return next((name for name in PLACES if name in keys), None)
-
-
-def _rate(tree: Mapping, keys: Mapping[str, Any]) -> float | None:
-    rates = (number(tree[keys[_key(name)]]) for name in RATES if _key(name) in keys)
-    return next((rate for rate in rates if rate), None)
 
 
 def _of_array(
@@ -166,8 +178,13 @@ def _of_array(
         array = array[None]
     if array.ndim == 2 and array.shape[1] in (2, 3, 4, 5) and array.shape[0] in layouts.SIZES:
         array = array[None]  # joints of one frame
+    if array.ndim == 2 and (posed := rotations.flat(path, array)) is not None:
+        return _of_posed(posed)
     if array.ndim == 2:
         array = _split(path, array, what, how)
+    if array.ndim == 3 and array.shape[2] > 5:  # persons, frames, all numbers of a frame
+        flat = array.reshape(-1, array.shape[2])
+        array = _split(path, flat, what, how).reshape(*array.shape[:2], -1, 3).swapaxes(0, 1)
     if persons_first and array.ndim == 3:
         array = array[None]
     if array.ndim == 4:
@@ -183,7 +200,7 @@ def _of_array(
         raise refusal(path, None, f"{what} is 2D, {array.shape}; {LIFT}")
     refuse_flat(path, array, what)
     confidence = array[..., 3] if array.shape[2] > 3 else None
-    return Found(array[..., :3], None, confidence, None, None, what, None, person)
+    return Found(array[..., :3], None, confidence, Clock(), what, None, person)
 
 
 def _split(path: Path | str, array: np.ndarray, what: str, how: How) -> np.ndarray:
@@ -217,28 +234,16 @@ def refuse_flat(path: Path | str, array: np.ndarray, what: str) -> None:
         raise refusal(path, None, f"{what} looks like 2D with confidence; {LIFT}")
 
 
-def _posed(path: Path | str, tree: Mapping, keys: Mapping[str, Any]) -> Found | None:
+def _posed(path: Path | str, tree: Mapping, keys: Mapping[str, Any], how: How) -> Found | None:
     """Joints of SMPL's rotations, where a file has them."""
-    for root, others, place in _POSES:
-        if others not in keys or (root and root not in keys):
-            continue
-        pose = numbers(path, tree[keys[others]], f"'{keys[others]}'")
-        if root and pose is not None:
-            turn = numbers(path, tree[keys[root]], f"'{keys[root]}'")
-            if turn is None or len(turn) != len(pose) or turn[0].size != 3:
-                continue
-            pose = np.concatenate([turn.reshape(-1, 3), pose.reshape(len(pose), -1)], axis=1)
-        if pose is None or pose.ndim < 2 or pose[0].size < 3 * smpl.COUNT:
-            continue
-        at = numbers(path, tree[keys[place]], f"'{keys[place]}'") if place in keys else None
-        at = None if at is None or at.shape != (len(pose), 3) else at
-        if not np.abs(pose[np.isfinite(pose)]).max(initial=0.0) < 1e3:
-            raise refusal(path, None, f"'{keys[others]}' turns a joint by more than 1000 rad")
-        pose = pose.reshape(len(pose), -1)
-        names = f"'{keys[root]}' and '{keys[others]}'" if root else f"'{keys[others]}'"
-        what = f"SMPL's rotations {names}"
-        return Found(smpl.joints(pose, at), None, None, None, None, what, "smpl")
-    return None
+    posed = rotations.posed(path, tree, keys, lambda there: choose(path, there, how))
+    return None if posed is None else _of_posed(posed)
+
+
+def _of_posed(posed: rotations.Posed) -> Found:
+    return Found(
+        posed.joints, None, None, Clock(), posed.what, "smpl", posed.person, None, posed.told
+    )
 
 
 def _named(path: Path | str, tree: Mapping) -> Found | None:
@@ -262,21 +267,21 @@ def _named(path: Path | str, tree: Mapping) -> Found | None:
         raise refusal(path, None, f"its joints are 2D; {LIFT}")
     refuse_flat(path, array, "its joints")
     confidence = array[..., 3] if array.shape[2] > 3 else None
-    return Found(array[..., :3], tuple(places), confidence, None, None, "named joints")
+    return Found(array[..., :3], tuple(places), confidence, Clock(), "named joints")
 
 
 def _only(path: Path | str, tree: Mapping, how: How) -> Found:
     """The only array that can be joints."""
     able = []
-    for key, value in tree.items():
-        array = numbers(path, value, f"'{key}'") if isinstance(value, np.ndarray) else None
+    for name, value in tree.items():
+        array = numbers(path, value, f"'{name}'") if isinstance(value, np.ndarray) else None
         if array is not None and array.ndim in (3, 4) and array.shape[-1] in (3, 4):
             if array.shape[-2] in layouts.SIZES or how.layout:
-                able.append((key, array))
+                able.append((name, array))
     if len(able) == 1:
         return _of_array(path, able[0][1], f"'{able[0][0]}'", how)
-    keys = ", ".join(f"{str(key)[:40]} {_shape(value)}" for key, value in list(tree.items())[:40])
-    flat = any("2d" in _key(key) for key in tree)
+    keys = ", ".join(f"{str(name)[:40]} {_shape(value)}" for name, value in list(tree.items())[:40])
+    flat = any("2d" in key(name) for name in tree)
     why = "more than one array that may be joints" if able else "no joints that are known here"
     raise refusal(
         path, None,
@@ -293,10 +298,9 @@ def _shape(value: Any) -> str:
 
 def _people(path: Path | str, tree: Mapping, how: How) -> Found:
     """OpenPose's JSON, of one frame, or of several that were put one after the other."""
-    people = tree["people"]
-    several = isinstance(people, list) and people and all(isinstance(p, list) for p in people)
-    frames = people if several else [people]
-    return openpose(path, frames, how)
+    given = tree["people"]
+    several = isinstance(given, list) and given and all(isinstance(p, list) for p in given)
+    return openpose(path, given if several else [given], how)
 
 
 def openpose(path: Path | str, frames: list[Any], how: How) -> Found:
@@ -310,8 +314,8 @@ def openpose(path: Path | str, frames: list[Any], how: How) -> Found:
     if not most:
         raise refusal(path, None, "nobody is in any of its frames")
     person, at = choose(path, list(range(most)), how)
-    for people in frames:
-        one = people[at] if isinstance(people, list) and len(people) > at else None
+    for there in frames:
+        one = there[at] if isinstance(there, list) and len(there) > at else None
         given = one.get("pose_keypoints_3d") if isinstance(one, Mapping) else None
         if isinstance(one, Mapping) and not given:
             flat = len(one.get("pose_keypoints_2d") or ())
@@ -326,5 +330,5 @@ def openpose(path: Path | str, frames: list[Any], how: How) -> Found:
         raise refusal(path, None, "pose_keypoints_3d must be x, y, z and confidence of each joint")
     array = table.reshape(len(rows), -1, 4)
     return Found(
-        array[..., :3], None, array[..., 3], None, None, "pose_keypoints_3d", None, person
+        array[..., :3], None, array[..., 3], Clock(), "pose_keypoints_3d", None, person
     )

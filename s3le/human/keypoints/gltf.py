@@ -1,8 +1,9 @@
 """glTF 2.0 and GLB: the animation of a skeleton as places of its named joints.
 
 Only what places joints is read: nodes, their animation, and the numbers for these. Keys of all
-joints are sampled at one rate, positions and scales linearly, rotations along the shortest arc.
-Source: the glTF 2.0 specification of Khronos; y up, z forward, metres.
+joints are sampled at one rate (gltf_keys). In a VRM animation (.vrma) its extension says which node
+is which bone. Source: the glTF 2.0 specification of Khronos, and VRMC_vrm_animation of the VRM
+consortium; y up, z forward, metres.
 """
 
 import base64
@@ -10,49 +11,46 @@ import binascii
 import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from s3le.human.clip import FPS_RANGE
+from s3le.human.keypoints import gltf_keys
+from s3le.human.keypoints.clocks import Clock
 from s3le.human.keypoints.found import Found
+from s3le.human.keypoints.gltf_keys import LINEAR, SPLINE, STEP, Keys
+from s3le.human.keypoints.how import How
 from s3le.human.keypoints.layouts import by_names
 from s3le.human.keypoints.written import read_json
 from s3le.human.rotation import from_quaternion
 from s3le.human.text import MAX_BYTES, listed, read_bytes, refusal
 
 MOST_NODES = 10_000
-MOST_FRAMES = 200_000
 _HEAD = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
 _WIDTH = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+_VRM = "VRMC_vrm_animation"  # the extension that names bones
 _REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 
 
-class _Keys(NamedTuple):
-    """The keys of one path of one node."""
-
-    time: np.ndarray  # [s], (k,), rising
-    value: np.ndarray  # (k, 3 or 4)
-    step: bool
-
-
-def read_gltf(path: Path | str) -> Found:
-    """The joints of the one skeleton whose names are known, through its one animation.
+def read_gltf(path: Path | str, how: How) -> Found:
+    """The joints of the one skeleton whose names are known, through one animation.
 
     Args:
-        path: .glb, or .gltf with its buffers inside or in files beside it.
+        path: .glb, .vrma, or .gltf with its buffers inside or in files beside it.
+        how: which animation, by name or number.
 
     Raises:
-        ClipError: damage, no skeleton with known names, no animation or several, splines.
+        ClipError: damage, no skeleton with known names, no animation, or several of which none
+            is chosen.
     """
     path = Path(path)
     data = read_bytes(path)
     try:
         tree, buffers = _container(path, data)
-        return _motion(path, tree, buffers)
+        return _motion(path, tree, buffers, how)
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as damage:
         words = (str(damage).splitlines() or [""])[0][:120]
         raise refusal(path, None, f"is no sound glTF ({type(damage).__name__}: {words})") from None
@@ -61,7 +59,7 @@ def read_gltf(path: Path | str) -> Found:
 def _container(path: Path, data: bytes) -> tuple[Any, list[bytes]]:
     """The JSON of a file and its buffers."""
     binary = b""
-    if path.suffix.lower() == ".glb":
+    if path.suffix.lower() == ".glb" or data[:4] == b"glTF":
         if len(data) < _HEAD.size or data[:4] != b"glTF":
             raise refusal(path, None, "is no GLB (its first bytes are not glTF)")
         _, version, length = _HEAD.unpack_from(data)
@@ -129,7 +127,7 @@ def _whole(value: Any) -> int:
     return value
 
 
-def _motion(path: Path, tree: Mapping, buffers: list[bytes]) -> Found:
+def _motion(path: Path, tree: Mapping, buffers: list[bytes], how: How) -> Found:
     nodes = tree.get("nodes", [])
     if not 0 < len(nodes) <= MOST_NODES:
         raise refusal(path, None, f"{len(nodes)} nodes, wanted 1 to {MOST_NODES}")
@@ -140,6 +138,9 @@ def _motion(path: Path, tree: Mapping, buffers: list[bytes]) -> Found:
                 raise refusal(path, None, f"node {child} has two parents, or is not there")
     names = [str(node.get("name", f"node {i}")) for i, node in enumerate(nodes)]
     groups = [skin["joints"] for skin in tree.get("skins", [])] or [list(range(len(nodes)))]
+    if bones := _bones(tree, len(nodes)):
+        names = [bones.get(i, name) for i, name in enumerate(names)]
+        groups = [list(bones)]
     groups = [list(group) for group in {tuple(map(_whole, group)): None for group in groups}]
     able = [g for g in groups if not by_names([names[i] for i in g]).missing]
     if len(able) != 1:
@@ -149,8 +150,10 @@ def _motion(path: Path, tree: Mapping, buffers: list[bytes]) -> Found:
     joints, named = able[0], by_names([names[i] for i in able[0]])
     used = sorted({j for own in named.layout.points for j in own} | set(named.layout.legs))
     chains = {joints[j]: _chain(path, parent, joints[j]) for j in used}
-    keys = _keys(path, tree, buffers, {node for chain in chains.values() for node in chain})
-    time, fps = _times(path, keys)
+    own = {node for chain in chains.values() for node in chain}
+    number = _chosen(path, tree.get("animations", []), own, how)
+    keys = _keys(path, tree, buffers, tree["animations"][number], own)
+    time, fps, told = gltf_keys.times(path, keys.values())
     local: dict[int, np.ndarray] = {}
     world: dict[int, np.ndarray] = {}
     for chain in chains.values():
@@ -159,8 +162,22 @@ def _motion(path: Path, tree: Mapping, buffers: list[bytes]) -> Found:
                 local[node] = _local(nodes[node], {p: keys.get((node, p)) for p in _PATHS}, time)
                 world[node] = local[node] if above is None else world[above] @ local[node]
     at = np.stack([world[joints[j]][:, :3, 3] for j in used], axis=1)
-    own = tuple(names[joints[j]] for j in used)
-    return Found(at, own, None, fps, None, "the joints of its skeleton", None, None, "y-up")
+    what = "the joints of its skeleton"
+    if len(tree["animations"]) > 1:
+        what += f" in animation {number}, {_name(tree['animations'][number], number)!r:.60}"
+    return Found(
+        at, tuple(names[joints[j]] for j in used), None, Clock(fps), what, axes="y-up",
+        told=(told,) if told else (),
+    )  # fmt: skip
+
+
+def _bones(tree: Mapping, count: int) -> dict[int, str]:
+    """Which node is which bone, where a VRM animation says it."""
+    given = tree.get("extensions", {}).get(_VRM, {}).get("humanoid", {}).get("humanBones", {})
+    bones = {_whole(one["node"]): str(name) for name, one in given.items()}
+    if len(bones) < len(given) or any(node >= count for node in bones):
+        raise ValueError("two bones are one node, or a bone is none")
+    return bones
 
 
 def _chain(path: Path, parent: Mapping[int, int], node: int) -> list[int]:
@@ -173,53 +190,59 @@ def _chain(path: Path, parent: Mapping[int, int], node: int) -> list[int]:
     return chain[::-1]
 
 
-def _keys(
-    path: Path, tree: Mapping, buffers: list[bytes], wanted: set[int]
-) -> dict[tuple[int, str], _Keys]:
-    """The keys of the wanted nodes in the one animation that moves any of them."""
-    moved = []
-    for animation in tree.get("animations", []):
-        own = {}
-        for channel in animation["channels"]:
-            node, what = channel["target"].get("node"), channel["target"]["path"]
-            if node in wanted and what in _PATHS:
-                own[node, what] = animation["samplers"][_whole(channel["sampler"])]
-        if own:
-            moved.append((str(animation.get("name", len(moved))), own))
-    if len(moved) > 1:
-        there = listed(name for name, _ in moved)
-        raise refusal(path, None, f"holds {len(moved)} animations ({there}); keep one in the file")
-    if not moved:
+def _name(animation: Mapping, number: int) -> str:
+    return str(animation.get("name", number))
+
+
+def _chosen(path: Path, animations: list[Mapping], wanted: set[int], how: How) -> int:
+    """The number of the animation that is meant, among those that move any of the wanted nodes."""
+    moving = [
+        number for number, animation in enumerate(animations)
+        if any(c["target"].get("node") in wanted and c["target"]["path"] in _PATHS
+               for c in animation["channels"])
+    ]  # fmt: skip
+    if not moving:
         raise refusal(path, None, "no animation moves its skeleton")
+    there = listed(f"{i} {_name(animations[i], i)}" for i in moving)
+    if how.animation is None:
+        if len(moving) > 1:
+            why = f"holds {len(moving)} animations ({there}); choose: --animation NAME or NUMBER"
+            raise refusal(path, None, why)
+        return moving[0]
+    named = [i for i in moving if _name(animations[i], i) == how.animation]
+    if len(named) > 1:
+        raise refusal(path, None, f"two animations have that name ({there}); give its number")
+    numbered = [i for i in moving if str(i) == how.animation]
+    if not named and not numbered:
+        raise refusal(path, None, f"holds no animation {how.animation!r:.60}; there: {there}")
+    return (named or numbered)[0]
+
+
+def _keys(
+    path: Path, tree: Mapping, buffers: list[bytes], animation: Mapping, wanted: set[int]
+) -> dict[tuple[int, str], Keys]:
+    """The keys of the wanted nodes in an animation."""
     keys = {}
-    for (node, what), sampler in moved[0][1].items():
-        how = sampler.get("interpolation", "LINEAR")
-        if how not in ("LINEAR", "STEP"):
+    for channel in animation["channels"]:
+        node, what = channel["target"].get("node"), channel["target"]["path"]
+        if node not in wanted or what not in _PATHS:
+            continue
+        sampler = animation["samplers"][_whole(channel["sampler"])]
+        how = sampler.get("interpolation", LINEAR)
+        if how not in (LINEAR, STEP, SPLINE):
             raise refusal(path, None, f"interpolates by {how[:20]}; export it with sampled keys")
         time = _numbers(path, tree, buffers, sampler["input"])[:, 0]
         value = _numbers(path, tree, buffers, sampler["output"])
-        if value.shape != (len(time), _PATHS[what]) or not (np.diff(time) > 0.0).all():
+        each = 3 if how == SPLINE else 1
+        if value.shape != (each * len(time), _PATHS[what]) or not (np.diff(time) > 0.0).all():
             raise refusal(path, None, f"keys of {what} that do not rise in time or lack values")
-        keys[node, what] = _Keys(time, value, how == "STEP")
+        if each == 3:
+            value = value.reshape(len(time), 3, -1)
+        keys[node, what] = Keys(time, value, how, what == "rotation")
     return keys
 
 
-def _times(path: Path, keys: Mapping[Any, _Keys]) -> tuple[np.ndarray, float]:
-    """Moments [s] from the first key to the last, at the rate of the densest keys."""
-    steps = [np.median(np.diff(own.time)) for own in keys.values() if len(own.time) > 1]
-    if not steps:
-        return np.zeros(1), 1.0  # one pose has no rate
-    rate = 1.0 / float(min(steps))
-    if abs(round(rate) - rate) <= 1e-2 * rate and round(rate):
-        rate = float(round(rate))
-    first = min(own.time[0] for own in keys.values())
-    span = max(own.time[-1] for own in keys.values()) - first
-    if not FPS_RANGE[0] <= rate <= FPS_RANGE[1] or span * rate > MOST_FRAMES:
-        raise refusal(path, None, f"{span * rate:.0f} frames at {rate:g} Hz by its keys")
-    return first + np.arange(int(span * rate + 1e-3) + 1) / rate, rate
-
-
-def _local(node: Mapping, keys: Mapping[str, _Keys | None], time: np.ndarray) -> np.ndarray:
+def _local(node: Mapping, keys: Mapping[str, Keys | None], time: np.ndarray) -> np.ndarray:
     """A node's transform to its parent at moments, (n, 4, 4)."""
     made = np.zeros((len(time), 4, 4)) + np.eye(4)
     if "matrix" in node and not any(keys.values()):
@@ -227,7 +250,7 @@ def _local(node: Mapping, keys: Mapping[str, _Keys | None], time: np.ndarray) ->
         return made
     place, turn, scale = (
         np.broadcast_to(_rest(node, what), (len(time), width)) if keys[what] is None
-        else _sampled(keys[what], time, what == "rotation")
+        else gltf_keys.sampled(keys[what], time)
         for what, width in _PATHS.items()
     )  # fmt: skip
     made[:, :3, :3] = _matrix(turn) * scale[:, None, :]
@@ -240,28 +263,6 @@ def _rest(node: Mapping, what: str) -> np.ndarray:
     if value.shape != (_PATHS[what],) or not np.isfinite(value).all():
         raise ValueError(f"a node's {what} is {value.shape}")
     return value
-
-
-def _sampled(keys: _Keys, time: np.ndarray, rotation: bool) -> np.ndarray:
-    """Values at moments; before the first and after the last key they stand."""
-    if len(keys.time) == 1:
-        return np.repeat(keys.value, len(time), axis=0)
-    left = np.clip(np.searchsorted(keys.time, time + 1e-6, "right") - 1, 0, len(keys.time) - 2)
-    span = keys.time[left + 1] - keys.time[left]
-    share = np.clip((time - keys.time[left]) / span, 0.0, 1.0)[:, None]
-    if keys.step:
-        share = np.floor(share + 1e-6)
-    a, b = keys.value[left], keys.value[left + 1]
-    if not rotation:
-        return (1.0 - share) * a + share * b
-    cos = (a * b).sum(axis=1, keepdims=True)
-    b = np.where(cos < 0.0, -b, b)  # the shorter way
-    angle = np.arccos(np.clip(np.abs(cos), 0.0, 1.0))
-    sin = np.sin(angle)
-    near = sin < 1e-6
-    safe = np.where(near, 1.0, sin)
-    first = np.where(near, 1.0 - share, np.sin((1.0 - share) * angle) / safe)
-    return first * a + np.where(near, share, np.sin(share * angle) / safe) * b
 
 
 def _matrix(xyzw: np.ndarray) -> np.ndarray:

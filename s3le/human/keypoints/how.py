@@ -22,6 +22,7 @@ class How(NamedTuple):
         pitch: how far the camera looks down [deg]; up is negative. For camera axes only.
         person: which of several, as numbered by the file.
         confidence: least confidence of the joints of a frame that is used, in [0, 1].
+        animation: which of a scene's animations, by its name or its number from 0.
     """
 
     layout: str | None = None
@@ -29,6 +30,7 @@ class How(NamedTuple):
     pitch: float | None = None
     person: int | None = None
     confidence: float | None = None
+    animation: str | None = None
 
     def check(self) -> "How":
         """Itself.
@@ -65,6 +67,8 @@ def recorded(about: Mapping[str, Any]) -> How:
                 value = float(value)
                 value = value if isfinite(value) else None
                 value = int(value) if name == "person" and value is not None else value
+            if name == "animation" and value is not None and not isinstance(value, str):
+                continue
             how = how._replace(**{name: value}).check()
         except (TypeError, ValueError, ParameterError):
             how = how._replace(**{name: None})

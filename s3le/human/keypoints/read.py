@@ -9,21 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
-from s3le.errors import ClipError
-from s3le.human.clip import FPS_RANGE, Clip, Reading, at_constant_rate, make_clip
-from s3le.human.keypoints import inert, upright
-from s3le.human.keypoints.folders import read_frames
+from s3le.errors import ClipError, ParameterError
+from s3le.human.clip import Clip, Reading, make_clip
+from s3le.human.keypoints import clocks, inert, picture, tensors, upright
+from s3le.human.keypoints.folders import frames_of, read_frames
 from s3le.human.keypoints.found import Found, find
 from s3le.human.keypoints.gltf import read_gltf
 from s3le.human.keypoints.how import CONFIDENCE, How
 from s3le.human.keypoints.layouts import LAYOUTS, Layout, by_names, for_size, pick
+from s3le.human.keypoints.trc import read_trc
 from s3le.human.keypoints.written import read_csv, read_json
 from s3le.human.text import MAX_BYTES, listed, looks_like, read_bytes, refusal
 from s3le.store import npz
 
-RATE = 30.0  # [Hz] where nothing says another
-EVEN = 0.02  # steps in time that differ by less than this share are alike
-UNEVEN = 20.0  # refuse times that would give more frames per row than this
+SCENES = (".glb", ".gltf", ".vrma")
 LARGEST = 64 * 2**20  # [bytes] of a pickle
 
 
@@ -31,7 +30,8 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
     """Read the joints of one person from a file or folder of an estimator.
 
     Args:
-        path: .npz, .npy, .pkl, .csv, .json, or a folder with a file a frame.
+        path: .npz, .npy, .pkl, .pt, .csv, .trc, .json, .glb, .gltf, .vrma, or a folder with a file
+            a frame.
         fps: frames per second [Hz], instead of the file's own.
         how: what the person knows; see How.
 
@@ -46,6 +46,8 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
     """
     path = Path(path)
     how = (how or How()).check()
+    if how.animation is not None and not path.name.lower().removesuffix(".gz").endswith(SCENES):
+        raise ParameterError(f"{path}: holds no animations to choose from; leave --animation out")
     try:
         found = _read(path, how)
     except RecursionError:
@@ -65,33 +67,42 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
         raise refusal(path, None, f"not one of {len(points)} frames has all joints{_why(found)}")
     how = how._replace(axes=how.axes or found.axes)
     made = upright.stand(str(path), joints, layout, points, how)
-    rate, points, words = _rate(path, made.points, found, fps)
-    told += [*made.told, *words]
+    picture.refuse(path, joints, points, made.axes, made.unit)
+    rate, points, words = clocks.rate(path, made.points, found.clock, fps)
+    told = [*found.told, *told, *made.told, *words]
     clip = make_clip(path, rate, points, gaps=True)
     person = how.person if found.person is None else found.person
-    kept = How(name, made.axes, made.pitch, person, how.confidence)
+    kept = How(name, made.axes, made.pitch, person, how.confidence, how.animation)
     return clip._replace(reading=Reading(found.what, kept, made.unit, tuple(told)))
 
 
 def _read(path: Path, how: How) -> Found:
     """The joints in a file, by its kind."""
     if path.is_dir():
+        if frames_of(path) is None:
+            raise refusal(path, None, "is a folder without frames of FrankMocap or OpenPose; give "
+                          "the file in it")  # fmt: skip
         return read_frames(path, how)
     name = path.name.lower()
     kind = Path(name.removesuffix(".gz")).suffix
     if not path.is_file():
-        raise refusal(path, None, "no such file")
+        what = "is no file but a pipe or a device" if path.exists() else "no such file"
+        raise refusal(path, None, what)
     if kind == ".csv":
         return find(path, read_csv(path), how)
     if kind == ".json":
         return find(path, read_json(path), how)
-    if kind in (".glb", ".gltf"):
-        return read_gltf(path)
+    if kind == ".trc":
+        return read_trc(path)
+    if kind in SCENES:
+        return read_gltf(path, how)
     if kind in (".pkl", ".pickle"):
         data = read_bytes(path, LARGEST)
         if not data:
             raise refusal(path, None, "looks like an empty file, not a pickle")
-        return find(path, inert.load(path, data), how)
+        return find(path, inert.load(path, tensors.unpacked(path, data)), how)
+    if kind in (".pt", ".pth"):
+        return find(path, tensors.load_torch(path), how)
     if name.endswith(".gz"):
         raise refusal(path, None, "unpack it first (gunzip)")
     with path.open("rb") as stream:
@@ -100,6 +111,9 @@ def _read(path: Path, how: How) -> Found:
         want = "an archive" if kind == ".npz" else "an array"
         raise refusal(path, None, f"looks like {looks_like(head)}, not {want} of numpy's")
     if kind == ".npy":
+        pickled = npz.pickled(path, ClipError, LARGEST)
+        if pickled is not None:  # as TRAM's, of a dict with tensors
+            return find(path, inert.load(path, pickled, objects=True), how)
         return find(path, npz.read_npy(path, ClipError, MAX_BYTES), how)
     closed: list[str] = []
     tree = npz.read_npz(path, ClipError, MAX_BYTES, closed)
@@ -170,35 +184,3 @@ def _hide(
 
 def _why(found: Found) -> str:
     return "" if found.confidence is None else f" seen with confidence {CONFIDENCE:g} or as asked"
-
-
-def _rate(
-    path: Path, points: np.ndarray, found: Found, fps: float | None
-) -> tuple[float, np.ndarray, list[str]]:
-    """Frames per second, positions at that rate, and where it comes from."""
-    if fps is not None:
-        return fps, points, []
-    if found.fps is not None:
-        low, high = FPS_RANGE
-        if not low <= found.fps <= high:
-            raise refusal(path, None, f"its rate is {found.fps:g} Hz, wanted [{low:g}, {high:g}]")
-        return found.fps, points, []
-    if found.time is not None and len(points) > 1:
-        steps = np.diff(found.time)
-        if not (steps > 0.0).all():
-            raise refusal(path, None, "its time does not rise; leave it out and give --fps")
-        rate = 1.0 / float(np.median(steps))
-        if not FPS_RANGE[0] <= rate <= FPS_RANGE[1]:
-            raise refusal(path, None, f"its time, in seconds, gives {rate:g} Hz; give --fps")
-        if abs(round(rate) - rate) <= 1e-2 * rate and round(rate):
-            rate = float(round(rate))
-        if np.abs(steps * rate - 1.0).max() > EVEN:
-            if (found.time[-1] - found.time[0]) * rate > UNEVEN * len(points):
-                raise refusal(path, None, "its times are too uneven to be one motion; give --fps")
-            points = at_constant_rate(points, found.time, rate)
-            return rate, points, [f"uneven times, resampled at {rate:g} Hz"]
-        return rate, points, [f"{rate:g} Hz by its times"]
-    if len(points) == 1:
-        return RATE, points, []
-    return RATE, points, [f"{RATE:g} Hz, for the file has no rate (else --fps)"]
-

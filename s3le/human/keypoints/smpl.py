@@ -42,12 +42,25 @@ def joints(pose: np.ndarray, place: np.ndarray | None = None) -> np.ndarray:
     Returns:
         Joints [m] in the frame of the root's rotation, (n, 22, 3), NaN where the pose is.
     """
-    local = _rotations(np.asarray(pose[:, : 3 * COUNT], float).reshape(len(pose), COUNT, 3))
+    vectors = np.asarray(pose[:, : 3 * COUNT], float).reshape(len(pose), COUNT, 3)
+    return placed(rotations(vectors), place)
+
+
+def placed(local: np.ndarray, place: np.ndarray | None = None) -> np.ndarray:
+    """Where the joints are whose rotations are matrices.
+
+    Args:
+        local: rotation of each joint against its parent, (n, at least 22, 3, 3); more are ignored.
+        place: of the root [m], (n, 3); None: at the origin.
+
+    Returns:
+        As `joints`.
+    """
     tree = {j: (parent, np.array(offset)) for j, (parent, offset) in _TRUNK.items()}
     for (left, right), (above_left, above_right, offset) in _LEFT.items():
         tree[left] = (above_left, np.array(offset))
         tree[right] = (above_right, np.array(offset) * _MIRROR)
-    at = np.zeros((len(pose), COUNT, 3))
+    at = np.zeros((len(local), COUNT, 3))
     at[:, 0] = 0.0 if place is None else place
     turned = {0: local[:, 0]}
     for joint in sorted(tree):  # parents have smaller numbers
@@ -57,7 +70,7 @@ def joints(pose: np.ndarray, place: np.ndarray | None = None) -> np.ndarray:
     return at
 
 
-def _rotations(vector: np.ndarray) -> np.ndarray:
+def rotations(vector: np.ndarray) -> np.ndarray:
     """Rotation matrices (..., 3, 3) of axis times angle [rad], (..., 3) (Rodrigues)."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     small = angle < 1e-8

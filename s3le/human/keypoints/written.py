@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from s3le.human.keypoints.found import TIMES
+from s3le.human.keypoints.clocks import is_clock
 from s3le.human.keypoints.values import MOST_VALUES, SEEN
 from s3le.human.text import read_bytes, refusal, require, shown, split_lines
 
@@ -61,7 +61,8 @@ def read_csv(path: Path | str) -> dict[str, Any]:
     visibility or confidence. Empty fields and `nan` are joints that were not seen.
 
     Returns:
-        Joints by name (n, 3) or (n, 4), and `time` [s]; or one array of numbered joints.
+        Joints by name (n, 3) or (n, 4), clocks and rates by their names (see clocks); or one array
+        of numbered joints.
 
     Raises:
         ClipError: no text, lines of unequal lengths, a field that is no number, a joint that
@@ -108,13 +109,26 @@ def _row(path: Path | str, number: int, line: str, comma: str, header: list[str]
     fields = _fields(path, number, line, comma)
     if len(fields) != len(header):
         raise refusal(path, number, f"{len(fields)} fields for {len(header)} columns")
-    for place, field in enumerate(fields):
-        if not field.isascii() or _NUMBER.fullmatch(field) is None:
-            if field.lower() not in _NOTHING:
-                what = shown(header[place])
-                raise refusal(path, number, f"{what} must be a number, got {shown(field)}")
-            fields[place] = "nan"
-    return list(map(float, fields))
+    pairs = zip(fields, header, strict=True)
+    return [cell(path, number, field, shown(name)) for field, name in pairs]
+
+
+def cell(path: Path | str, number: int, field: str, what: str) -> float:
+    """One field of a table, NaN where it is empty or says that there is no number.
+
+    Args:
+        path, number: file and line, for messages.
+        field: without blanks around it.
+        what: whose field, for messages.
+
+    Raises:
+        ClipError: anything else than a decimal number.
+    """
+    if field.isascii() and _NUMBER.fullmatch(field):
+        return float(field)
+    if field.lower() in _NOTHING:
+        return float("nan")
+    raise refusal(path, number, f"{what} must be a number, got {shown(field)}")
 
 
 def _joints(path: Path | str, line: int, header: list[str], table: np.ndarray) -> dict[str, Any]:
@@ -122,9 +136,12 @@ def _joints(path: Path | str, line: int, header: list[str], table: np.ndarray) -
     tree: dict[str, Any] = {}
     for place, name in enumerate(header):
         plain = re.sub(r"[^a-z]", "", name.lower())
-        if plain in TIMES or plain in _FRAME:
-            if plain in TIMES:
-                tree["time"] = table[:, place]
+        if clock := is_clock(name):
+            tree[clock] = table[:, place]
+            continue
+        if plain in _FRAME:
+            if plain:
+                tree["frame"] = table[:, place]
             continue
         found = _AXIS.fullmatch(name)
         last = _AXIS_FIRST.fullmatch(name)
