@@ -19,6 +19,7 @@ from s3le.tuples.shards import TupleShards
 pytest.importorskip("ray")
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.wide,
     pytest.mark.filterwarnings("ignore"),  # Ray's own, of files and processes it leaves to the end
 ]
 TESTS = Path(__file__).parent

@@ -510,6 +510,7 @@ CONTRAST = """(() => {
   return [worst[0], worst[1], seen]; })()"""
 
 
+@pytest.mark.wide
 @pytest.mark.skipif(not browser.PATH, reason="no Chromium on this machine")
 def test_a_browser_opens_it_from_disk_in_light_and_dark_wide_and_narrow(tmp_path, pictures):
     folder, rows = pictures

@@ -178,6 +178,7 @@ def served(tmp_path_factory):
         yield found
 
 
+@pytest.mark.wide
 @pytest.mark.skipif(not browser.PATH, reason="no Chromium on this machine")
 def test_the_page_plays_scrubs_and_shows_the_robot(served, tmp_path):
     _, address = served

@@ -16,9 +16,8 @@ import pytest
 from handmade import amc, asf, bvh, deepmimic, table, write
 from webserver import serving
 
-from s3le import clips
 from s3le.errors import ClipError, FetchError, ParameterError
-from s3le.human import fetch, sources
+from s3le.human import dataset, fetch, sources
 from s3le.human.read import read_clip
 
 ROW = [0.0] * 12
@@ -360,7 +359,7 @@ def test_a_folder_may_hold_whatever_retarget_reads(tmp_path):
     ]  # fmt: skip
     assert found.left_out == [f"train/CMU/01/{name}: not a motion file"
                               for name in ("neutral_stagei.npz", "shape.npz")]  # fmt: skip
-    read, lost = clips.load(found)
+    read, lost = dataset.load(found)
     assert lost == []
     counts = {name: int((read.clip == name).sum()) for name in dict.fromkeys(read.clip)}
     assert counts == {"CMU/01/01_01_poses": 12, "walk": 1, "openpose": 3, "wham_output": 12}
@@ -372,12 +371,12 @@ def test_one_bad_clip_stops_the_others_or_is_left_out_as_asked(own):
     write(own / "test" / "odd.npz", b"PK")
     found = sources.folder(own)
     with pytest.raises(ClipError, match="bad.bvh: looks like text of no motion format"):
-        clips.load(found)
+        dataset.load(found)
     done = []
-    read, lost = clips.load(found, done.append, missing="skip")
+    read, lost = dataset.load(found, done.append, missing="skip")
     assert list(dict.fromkeys(read.clip)) == ["a", "b/wave", "me_01", "kick"]
     assert len(lost) == 2 and "bad.bvh: looks like" in lost[0] and "odd.npz: is no" in lost[1]
     assert sum(done) == len(found.clips)
     write(own / "test" / "kick.bvh.gz", b"nonsense")
     with pytest.raises(ClipError, match="not one of 2 clips of 'test' can be read; first: .*kick"):
-        clips.load(sources.folder(own), missing="skip")
+        dataset.load(sources.folder(own), missing="skip")

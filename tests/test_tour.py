@@ -1,4 +1,4 @@
-"""The README's tour, command by command: whoever follows it sees no error."""
+"""The tour, command by command: whoever follows it sees no error."""
 
 import re
 import shlex
@@ -11,8 +11,8 @@ import browser
 import numpy as np
 import pytest
 from handmade import bvh, deepmimic, write
+from streaming import DEFAULT, stored
 from test_bundle import an_index
-from test_retarget import DEFAULT, stored
 from test_video import REAL, ROOT, film
 from worlds import coman
 
@@ -21,10 +21,13 @@ from s3le.video import process
 from s3le.video.decode import Video
 
 ESTIMATOR = ROOT / process.ENVIRONMENT
+PAGES = ("README.md", "docs/tour.md", "docs/README.md", "docs/results.md", "docs/guarantees.md")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-TOUR = README.split("\n## A tour\n")[1].split("\n## ")[0]
+TOUR = (ROOT / "docs" / "tour.md").read_text(encoding="utf-8")
 COMMANDS = "\n".join(re.findall(r"```\n(.*?)```", TOUR, re.S)).splitlines()
 WANTS_VIDEO = "phone"
+
+pytestmark = pytest.mark.wide
 
 
 def blocks():
@@ -118,7 +121,19 @@ def test_what_make_is_asked_for_it_knows(line):
         assert said.returncode == 0, said.stderr
 
 
-@pytest.mark.parametrize("path", re.findall(r"\]\(([^)#]+\.(?:png|gif|svg|md|html))\)", README))
-def test_every_picture_and_page_that_the_readme_shows_is_there(path):
-    assert (ROOT / path).is_file()
-    assert (ROOT / path).stat().st_size < 1_500_000
+@pytest.mark.parametrize("page", PAGES)
+def test_every_picture_and_page_that_is_shown_is_there(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    named = re.findall(r"\]\(([^)#]+\.(?:png|gif|svg|md|html|cff))\)", text)
+    assert named
+    for path in named:
+        file = (ROOT / page).parent / path
+        assert file.is_file(), f"{page} shows {path}"
+        assert file.stat().st_size < 1_500_000
+
+
+def test_the_readme_is_short():
+    """At most 700 words before the index of documents, and at most eight rows of numbers."""
+    assert len(README.split("\n## Documents")[0].split()) <= 700
+    numbers = README.split("\n## Numbers\n")[1].split("\n## ")[0]
+    assert len([line for line in numbers.splitlines() if line.startswith("| ")]) <= 1 + 8

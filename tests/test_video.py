@@ -29,6 +29,8 @@ STANDING = {  # [m] in a camera's frame, x right, y down, z away: a person who f
     "hip": (0.10, 0.0, 0.0), "knee": (0.10, 0.42, 0.0), "ankle": (0.10, 0.84, 0.0),
 }  # fmt: skip
 
+pytestmark = pytest.mark.wide
+
 
 def person(n=60, fps=30.0, u=0.5):
     """Joints of somebody who stands and swings the arms, (n, 12, 6)."""
