@@ -87,11 +87,18 @@ def retarget(
     tilt_max: Annotated[
         float, typer.Option(help="Drop frames whose torso leans farther [deg].")
     ] = 60.0,
+    accept_minority: Annotated[
+        bool,
+        typer.Option(
+            "--accept-minority", help="Also write clips of which most frames cannot be used."
+        ),
+    ] = False,
     layout: options.Layout = None,
     axes: options.Axes = None,
     pitch: options.Pitch = None,
     person: options.Person = None,
     confidence: options.Confidence = None,
+    names: options.Names = None,
 ) -> None:
     """Retarget motion files: one Parquet and one JSON summary per clip, all of it certified.
 
@@ -99,7 +106,7 @@ def retarget(
     clearance [m], mode. Every pose is checked by coal and every path between two poses is proven
     before anything is written; a clip that fails is named, and the others are still written. What
     keypoints leave open (which joint is which, up, tilt, unit, rate) is found in the data and said,
-    or asked for.
+    or asked for. A clip of which most frames cannot be used fails too.
 
     \b
     s3le retarget walk.bvh --out out
@@ -108,13 +115,14 @@ def retarget(
     s3le retarget walk.bvh --out out --full --for gmr --for mjlab --rate 30
     s3le retarget mediapipe.npz --out out --pitch 12
     s3le retarget joints.csv --out out --layout h36m17 --axes camera --fps 25
+    s3le retarget odd.bvh --out out --axes z-up --names names.yaml
     s3le retarget mocap_output/ --out out --person 0
     s3le audit out/*.parquet
 
     Exit status: 0 if every clip was written, 1 if one failed, 2 if nothing could begin.
     """  # noqa: D301
     with shell.guarded():
-        known = shell.how(layout, axes, pitch, person, confidence)
+        known = shell.how(layout, axes, pitch, person, confidence, names)
         paths = _clips(clips)
         follower = shell.follower(model, method)
         own = follower.machine.robot.name
@@ -134,7 +142,9 @@ def retarget(
         failed = 0
         for path in paths:
             try:
-                summary = _one(path, follower, out, suffixes, shape, fps, tilt_max, known, how)
+                summary = _one(
+                    path, follower, out, suffixes, shape, fps, tilt_max, known, accept_minority, how
+                )
             except (S3leError, OSError) as refusal:
                 shell.complain(refusal)
                 failed += 1
@@ -166,7 +176,7 @@ def _clips(given: list[Path]) -> list[Path]:
             paths.append(path)
             continue
         if path.is_dir() and not inside:
-            raise ParameterError(f"{path}: no motion files in it ({', '.join(READ)})")
+            raise ParameterError(f"{path}: is a folder with no motion files ({', '.join(READ)})")
         paths += inside if path.is_dir() else [path]
     counts = Counter(clip_name(path) for path in paths)
     for name, count in counts.items():
@@ -229,6 +239,7 @@ def _one(
     fps: float | None,
     tilt_max: float,
     known: "How",
+    minority: bool,
     how: dict[str, Any],
 ) -> dict[str, Any]:
     """Retarget one clip and write what came of it."""
@@ -238,6 +249,8 @@ def _one(
 
     how = how | {"about": how["about"] | motion.about_clip(path, out)}
     frames = clipframes.read(path, follower.machine.neck, tilt_max, fps, how=known)
+    if not minority:
+        clipframes.refuse_minority(path, frames)
     for words in frames.reading.told if frames.reading else ():
         typer.echo(f"{path}: note: {words}", err=True)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:

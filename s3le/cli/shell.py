@@ -140,15 +140,18 @@ def how(
     pitch: float | None,
     person: int | None,
     confidence: float | None,
+    names: Path | None,
 ) -> "How":
-    """What the command line says about keypoints.
+    """What the command line says about how a clip is to be read.
 
     Raises:
         ParameterError: a value is out of its range.
     """
     from s3le.mocap.keypoints.how import How
+    from s3le.mocap.namesmap import read_names
 
-    return How(layout, axes, pitch, person, confidence).check()
+    named = None if names is None else read_names(names)
+    return How(layout, axes, pitch, person, confidence, named).check()
 
 
 def names(given: str | None) -> list[str] | None:

@@ -40,6 +40,7 @@ def view(
     pitch: options.Pitch = None,
     person: options.Person = None,
     confidence: options.Confidence = None,
+    names: options.Names = None,
 ) -> None:
     """Look at motions in a browser: human and robots, clearance, where they were slowed or held.
 
@@ -62,7 +63,7 @@ def view(
             raise ParameterError(f"--port must be from 0 to 65535, got {port}")
         if rate is not None and not rate > 0.0:
             raise ParameterError(f"--rate must be above 0 Hz, got {rate!r}")
-        known = shell.how(layout, axes, pitch, person, confidence)
+        known = shell.how(layout, axes, pitch, person, confidence, names)
         loaded = shown.load(files, human, robot, rate, joints, degrees, known)
         try:
             from s3le.viewer.page import Page

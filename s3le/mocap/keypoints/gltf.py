@@ -16,7 +16,8 @@ import numpy as np
 
 from s3le.mocap.clip import FPS_RANGE
 from s3le.mocap.keypoints.found import Found
-from s3le.mocap.keypoints.layouts import by_names
+from s3le.mocap.keypoints.layouts import by_names, pick
+from s3le.mocap.keypoints.upright import scale_of
 from s3le.mocap.keypoints.written import read_json
 from s3le.mocap.rotation import from_quaternion
 from s3le.mocap.text import MAX_BYTES, listed, read_bytes, refusal
@@ -39,11 +40,12 @@ class _Keys(NamedTuple):
     step: bool
 
 
-def read_gltf(path: Path | str) -> Found:
+def read_gltf(path: Path | str, names: Mapping[str, str] | None = None) -> Found:
     """The joints of the one skeleton whose names are known, through its one animation.
 
     Args:
         path: .glb, or .gltf with its buffers inside or in files beside it.
+        names: what the file calls our joints, as rigs.match takes it.
 
     Raises:
         ClipError: damage, no skeleton with known names, no animation or several, splines.
@@ -52,7 +54,7 @@ def read_gltf(path: Path | str) -> Found:
     data = read_bytes(path)
     try:
         tree, buffers = _container(path, data)
-        return _motion(path, tree, buffers)
+        return _motion(path, tree, buffers, names)
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as damage:
         words = (str(damage).splitlines() or [""])[0][:120]
         raise refusal(path, None, f"is no sound glTF ({type(damage).__name__}: {words})") from None
@@ -129,7 +131,9 @@ def _whole(value: Any) -> int:
     return value
 
 
-def _motion(path: Path, tree: Mapping, buffers: list[bytes]) -> Found:
+def _motion(
+    path: Path, tree: Mapping, buffers: list[bytes], given: Mapping[str, str] | None
+) -> Found:
     nodes = tree.get("nodes", [])
     if not 0 < len(nodes) <= MOST_NODES:
         raise refusal(path, None, f"{len(nodes)} nodes, wanted 1 to {MOST_NODES}")
@@ -141,13 +145,18 @@ def _motion(path: Path, tree: Mapping, buffers: list[bytes]) -> Found:
     names = [str(node.get("name", f"node {i}")) for i, node in enumerate(nodes)]
     groups = [skin["joints"] for skin in tree.get("skins", [])] or [list(range(len(nodes)))]
     groups = [list(group) for group in {tuple(map(_whole, group)): None for group in groups}]
-    able = [g for g in groups if not by_names([names[i] for i in g]).missing]
+    if given:  # a group that lacks what is stated is not the one meant
+        stated = [g for g in groups if {names[i] for i in g} >= set(given.values())]
+        groups = stated or groups
+    able = [g for g in groups if not by_names([names[i] for i in g], given).missing]
     if len(able) != 1:
         why = "several skeletons" if able else "no skeleton whose joints have known names"
         there = listed(names[i] for group in groups[:3] for i in group)
-        raise refusal(path, None, f"holds {why}; its joints: {there}")
-    joints, named = able[0], by_names([names[i] for i in able[0]])
-    used = sorted({j for own in named.layout.points for j in own} | set(named.layout.legs))
+        raise refusal(
+            path, None, f"holds {why}; its joints: {there}; say which is which: --names MAP"
+        )
+    joints, named = able[0], by_names([names[i] for i in able[0]], given)
+    used = named.used()
     chains = {joints[j]: _chain(path, parent, joints[j]) for j in used}
     keys = _keys(path, tree, buffers, {node for chain in chains.values() for node in chain})
     time, fps = _times(path, keys)
@@ -160,7 +169,10 @@ def _motion(path: Path, tree: Mapping, buffers: list[bytes]) -> Found:
                 world[node] = local[node] if above is None else world[above] @ local[node]
     at = np.stack([world[joints[j]][:, :3, 3] for j in used], axis=1)
     own = tuple(names[joints[j]] for j in used)
-    return Found(at, own, None, fps, None, "the joints of its skeleton", None, None, "y-up")
+    layout, what = named.among(used).layout, "the joints of its skeleton"
+    if (scale := scale_of(pick(at, layout.points))) != 1.0:
+        what += ", scaled to a person's size (only directions matter)"
+    return Found(at * scale, own, None, fps, None, what, None, None, "y-up", layout)
 
 
 def _chain(path: Path, parent: Mapping[int, int], node: int) -> list[int]:

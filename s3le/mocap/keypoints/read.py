@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from s3le import npy
-from s3le.errors import ClipError
+from s3le.errors import ClipError, ParameterError
 from s3le.mocap.clip import FPS_RANGE, Clip, Reading, at_constant_rate, make_clip
 from s3le.mocap.keypoints import inert, upright
 from s3le.mocap.keypoints.folders import read_frames
@@ -19,7 +19,7 @@ from s3le.mocap.keypoints.gltf import read_gltf
 from s3le.mocap.keypoints.how import CONFIDENCE, How
 from s3le.mocap.keypoints.layouts import LAYOUTS, Layout, by_names, for_size, pick
 from s3le.mocap.keypoints.written import read_csv, read_json
-from s3le.mocap.text import MAX_BYTES, listed, looks_like, read_bytes, refusal
+from s3le.mocap.text import MAX_BYTES, listed, looks_like, no_file, read_bytes, refusal
 
 RATE = 30.0  # [Hz] where nothing says another
 EVEN = 0.02  # steps in time that differ by less than this share are alike
@@ -69,7 +69,7 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
     told += [*made.told, *words]
     clip = make_clip(path, rate, points, gaps=True)
     person = how.person if found.person is None else found.person
-    kept = How(name, made.axes, made.pitch, person, how.confidence)
+    kept = How(name, made.axes, made.pitch, person, how.confidence, how.names)
     return clip._replace(reading=Reading(found.what, kept, made.unit, tuple(told)))
 
 
@@ -79,14 +79,14 @@ def _read(path: Path, how: How) -> Found:
         return read_frames(path, how)
     name = path.name.lower()
     kind = Path(name.removesuffix(".gz")).suffix
-    if not path.is_file():
-        raise refusal(path, None, "no such file")
+    if why := no_file(path):
+        raise refusal(path, None, why)
     if kind == ".csv":
         return find(path, read_csv(path), how)
     if kind == ".json":
         return find(path, read_json(path), how)
     if kind in (".glb", ".gltf"):
-        return read_gltf(path)
+        return read_gltf(path, how.names)
     if kind in (".pkl", ".pickle"):
         data = read_bytes(path, LARGEST)
         if not data:
@@ -125,15 +125,20 @@ def _layout(
             sizes = ", ".join(map(str, layout.sizes))
             raise refusal(path, None, f"{count} joints, {how.layout} has {sizes}")
         return how.layout, _believed(path, joints, layout, how.layout), []
+    if found.by_name is not None:
+        return None, _believed(path, joints, found.by_name, "its names"), ["joints by their names"]
     if found.names is not None:
-        named = by_names(found.names)
+        named = by_names(found.names, how.names)
         if named.missing:
             raise refusal(
-                path, None, f"no joint for {listed(named.missing)}; there: {listed(found.names)}"
-            )
+                path, None, f"no joint for {listed(named.missing)}; there: {listed(found.names)}; "
+                "say which is which: --names MAP",
+            )  # fmt: skip
         return None, _believed(path, joints, named.layout, "its names"), ["joints by their names"]
     if found.layout is not None and count in (*LAYOUTS[found.layout].sizes, 22):
         return found.layout, _believed(path, joints, LAYOUTS[found.layout], found.layout), []
+    if how.names:
+        raise ParameterError(f"{path}: --names: its joints have no names; say --layout")
     able = for_size(count)
     if not able:
         known = ", ".join(f"{n} {'/'.join(map(str, one.sizes))}" for n, one in LAYOUTS.items())
