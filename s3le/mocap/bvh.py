@@ -401,7 +401,9 @@ def _up(
     still = [joint._replace(channels=()) for joint in joints]
     rest = pick(_placed(still, np.zeros((1, 0)), used), found.layout.points)[0]
     hip, neck = POINTS.index("hip"), POINTS.index("neck")
-    return stance.up(path, rest[neck] - rest[hip], points[:, hip], points[:, neck], at)
+    return stance.up(
+        path, rest[neck] - rest[hip], points[:, hip], points[:, neck], at, bool(found.layout.legs)
+    )
 
 
 def _unit(path: Path | str, points: np.ndarray) -> tuple[float, list[str]]:

@@ -16,13 +16,20 @@ LEAN = 40.0  # [deg] that the median trunk may lean from the axis that is taken 
 RESTS = 0.8  # least cosine of a rest pose's trunk that stands
 FLOOR = (-0.15, 0.6)  # [trunks] where the lowest joint is, in the median, of a body on a floor
 WANDERS = 0.5  # [trunks] between the 5th and 95th percentile of the lowest joint on a floor
+STANDS = (0.6, 4.0)  # [trunks] of a hip's height over zero
+UNDER = (-0.4, 0.8)  # [trunks] of the lowest joint's height where the file has legs
 ABOVE = 0.05  # [trunks] that the hip is above it at least
 _AXES = {"y-up": 1, "z-up": 2}
 SAY = "say which axis is up: --axes y-up or --axes z-up"
 
 
 def up(
-    path: Path | str, rest: np.ndarray, hip: np.ndarray, neck: np.ndarray, joints: np.ndarray
+    path: Path | str,
+    rest: np.ndarray,
+    hip: np.ndarray,
+    neck: np.ndarray,
+    joints: np.ndarray,
+    legs: bool,
 ) -> tuple[str, list[str]]:
     """The axes of a file, y-up or z-up, and what is to be said of how they were found.
 
@@ -31,6 +38,7 @@ def up(
         rest: from hip to neck in the rest pose, (3,), in the file's axes and unit.
         hip, neck: in the motion, (n, 3).
         joints: all joints that are looked at, (n, j, 3).
+        legs: whether knees and ankles are among them.
 
     Raises:
         ClipError: rest pose and motion disagree, or neither says which axis is up.
@@ -48,10 +56,16 @@ def up(
     length = float(np.median(np.linalg.norm(trunk, axis=1)))
     floors = [axes for axes, k in _AXES.items() if _floor(hip[:, k], joints[:, :, k], length)]
     if points is not None:
+        k = _AXES[points]
         if floors and floors != [points]:
             raise ClipError(
                 f"{path}: trunks point {points}, but all that moves stays on a floor "
                 f"{' and '.join(floors)}: somebody may lie; {SAY}"
+            )
+        if not _stands(hip[:, k], joints[:, :, k] if legs else None, length):
+            raise ClipError(
+                f"{path}: trunks point {points}, but nobody stands on a floor at zero of that axis, "
+                f"and the rest pose says nothing: somebody may lie; {SAY}"
             )
         return points, [f"axes {points}, by where trunks point"]
     if len(floors) == 1:
@@ -78,6 +92,13 @@ def _median_way(trunks: np.ndarray) -> np.ndarray:
 
 def _way(trunks: np.ndarray) -> str:
     return f"({', '.join(f'{v:.2f}' for v in _median_way(trunks))})"
+
+
+def _stands(hip: np.ndarray, heights: np.ndarray | None, trunk: float) -> bool:
+    """Whether a hip (n,) is as high as one stands or sits, and the lowest joint (n, j) at zero."""
+    lowest = 0.0 if heights is None else np.median(heights.min(axis=1)) / trunk
+    high = np.median(hip) / trunk
+    return bool(STANDS[0] <= high <= STANDS[1] and UNDER[0] <= lowest <= UNDER[1])
 
 
 def _floor(hip: np.ndarray, heights: np.ndarray, trunk: float) -> bool:
