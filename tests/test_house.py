@@ -37,6 +37,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
         "s3le/store.py", "s3le/trajectory/parquet.py", "s3le/mocap/points_parquet.py",
     ),
     "matplotlib": ("s3le/report/",),
+    "anyascii": ("s3le/report/",),
     "viser": ("s3le/viewer/",),
     "trimesh": ("s3le/viewer/",),
     "av": ("s3le/movie.py", "s3le/video/decode.py"),

@@ -5,14 +5,20 @@ stays apart for colour-blind readers; a brute-force search wears a darker shade 
 of the method whose pool it searches. Nothing here reads a clock or writes a version.
 """
 
+import textwrap
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 
 import matplotlib
+from anyascii import anyascii
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, get_font
+from matplotlib.text import Text
 
 from s3le.files import replace
 from s3le.methods import ENTRIES, label
@@ -101,6 +107,8 @@ def save(figure: Figure, path: Path) -> None:
     Raises:
         OSError: the disk refuses; whatever stood at path still stands.
     """
+    for words in figure.findobj(Text):
+        words.set_text(printable(words.get_text()))
     drawn = BytesIO()
     if Path(path).suffix == ".svg":
         nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
@@ -115,6 +123,28 @@ def save(figure: Figure, path: Path) -> None:
 def colour(method: str, spare: int = 0) -> str:
     """The colour of a method; for one unknown here, the spare colour of that number."""
     return COLOURS.get(method, SPARE[spare % len(SPARE)])
+
+
+@cache
+def _drawn() -> frozenset[int]:
+    """Characters that the font of every figure has."""
+    return frozenset(get_font(findfont(_SHEET["font.family"])).get_charmap())
+
+
+def printable(text: str) -> str:
+    """Words as a figure can print them: letters that its font lacks in Latin ones.
+
+    The font comes with matplotlib and has Latin, Greek, Cyrillic and more, but no Chinese, Japanese
+    or Korean; what a machine's own fonts have would make its pictures differ from another's.
+    """
+    text = unicodedata.normalize("NFC", text)
+    whole = [c if ord(c) in _drawn() or c == "\n" else anyascii(c) or "?" for c in text]
+    return "".join(whole)
+
+
+def wrapped(text: str, width: int) -> str:
+    """Words in lines of so many characters, printable, and none of them lost."""
+    return textwrap.fill(printable(text), width)
 
 
 def note(figure: Figure, text: str) -> None:
