@@ -471,7 +471,11 @@ def test_letters_that_the_font_lacks_are_printed_in_latin():
     latin = style.printable("左腕 ダンス 춤")
     assert latin.isascii() and "dansu" in latin.lower() and "chum" in latin.lower()
     assert style.printable("a\u0308") == "ä" and style.printable("\ue000") == "?"
-    assert style.wrapped(NAME, 17).replace("\n", "") == style.printable(NAME)
+    for width in (0.1, 1.0, 3.0):
+        lines = style.wrapped(NAME, width, 9.0, bold=True).split("\n")
+        assert "".join(lines) == style.printable(NAME)
+        assert all(style.wide(one, 9.0, bold=True) <= width or len(one) == 1 for one in lines)
+    assert style.wrapped("two words", 0.5, 9.0) == "two\nwords"
 
 
 # A glyph that is missing is a warning, and a warning an error here.

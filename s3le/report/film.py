@@ -73,8 +73,7 @@ class Film:
         self._tall = round(tall * self._scale)
         # The figures stay in the middle of their cells.
         self._corner = ((w.left + w.right - self._cell / self._scale) / 2, w.high + _ROOM)
-        fits = max(int(self._cell / 7.5), 4)
-        self._labels = [style.wrapped(row.label, fits) for row in rows]
+        self._labels = [style.wrapped(row.label, self._cell / 100, 10, bold=True) for row in rows]
         lines = max(label.count("\n") + 1 for label in self._labels)
         self._title = _TITLE + _TEXT * (lines - 1)
         height = self._title + self._tall + _WORDS + (_LINE + 3) * max(len(tracks), 1) + _FOOT

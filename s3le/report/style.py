@@ -5,7 +5,7 @@ stays apart for colour-blind readers; a brute-force search wears a darker shade 
 of the method whose pool it searches. Nothing here reads a clock or writes a version.
 """
 
-import textwrap
+import re
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ import matplotlib
 from anyascii import anyascii
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.font_manager import findfont, get_font
+from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.text import Text
 
 from s3le.files import replace
@@ -142,9 +142,43 @@ def printable(text: str) -> str:
     return "".join(whole)
 
 
-def wrapped(text: str, width: int) -> str:
-    """Words in lines of so many characters, printable, and none of them lost."""
-    return textwrap.fill(printable(text), width)
+def wide(text: str, size: float, bold: bool = False) -> float:
+    """How wide one line of so many points is printed [inch]."""
+    return sum(map(_advance(bold).__getitem__, printable(text))) * size / 72.0
+
+
+def wrapped(text: str, width: float, size: float, bold: bool = False) -> str:
+    """Words in lines of at most `width` [inch] at so many points, printable, and none lost.
+
+    Lines end after blanks, underscores, strokes and points where they can, else anywhere.
+    """
+    lines = [""]
+    for piece in re.findall(r"[^\s_/.-]*[\s_/.-]*", printable(text)):
+        if wide(lines[-1] + piece.rstrip(), size, bold) > width and lines[-1]:
+            lines.append("")
+        for letter in piece:
+            if letter == "\n" or (lines[-1] and wide(lines[-1] + letter, size, bold) > width):
+                lines.append("")
+            lines[-1] += letter.strip("\n")
+    return "\n".join(line.strip() for line in lines if line.strip())
+
+
+@cache
+def _advance(bold: bool) -> "_Advance":
+    return _Advance("bold" if bold else "normal")
+
+
+class _Advance(dict[str, float]):
+    """How far each letter of the font moves on, as a share of its size."""
+
+    def __init__(self, weight: str):
+        face = FontProperties(family=_SHEET["font.family"], weight=weight)
+        self._font = get_font(findfont(face))
+        self._font.set_size(1000.0, 72)
+
+    def __missing__(self, letter: str) -> float:
+        self[letter] = self._font.load_char(ord(letter)).linearHoriAdvance / 65536.0 / 1000.0
+        return self[letter]
 
 
 def note(figure: Figure, text: str) -> None:
