@@ -48,8 +48,9 @@ def refuse_minority(path: Path | str, frames: ClipFrames) -> None:
     kept = len(frames.x)
     if 2 * kept < frames.total:
         raise ClipError(
-            f"{path}: only {kept} of {frames.total} frames can be used ({_causes(frames.dropped)}); "
-            "another axis may be up (--axes), or accept it with --accept-minority"
+            f"{path}: only {kept} of {frames.total} frames can be used "
+            f"({_causes(frames.dropped)}); another axis may be up (--axes), or accept it with "
+            "--accept-minority"
         )
 
 

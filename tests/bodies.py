@@ -115,14 +115,14 @@ FAMILIES = {  # what right and left are; then _PLACE, - where a family has none
     "J_Bip_{}_ToeBase",
     "iPi": "R L|Hip|Neck|Head|{}Clavicle|{}Shoulder|{}Forearm|{}Hand|{}Thigh|{}Shin|{}Foot|{}Toe",
     "Motive": "R L|Hip|Neck|Head|{}Shoulder|{}UArm|{}FArm|{}Hand|{}Thigh|{}Shin|{}Foot|{}Toe",
-    "Motive's actor": "R L|Bob_Hip|Bob_Neck|Bob_Head|Bob_{}Shoulder|Bob_{}UArm|Bob_{}FArm|Bob_{}Hand"
-    "|Bob_{}Thigh|Bob_{}Shin|Bob_{}Foot|Bob_{}Toe",
+    "Motive's actor": "R L|Bob_Hip|Bob_Neck|Bob_Head|Bob_{}Shoulder|Bob_{}UArm|Bob_{}FArm|"
+    "Bob_{}Hand|Bob_{}Thigh|Bob_{}Shin|Bob_{}Foot|Bob_{}Toe",
     "Unreal": "r l|pelvis|neck_01|head|clavicle_{}|upperarm_{}|lowerarm_{}|hand_{}|thigh_{}|calf_{}"
     "|foot_{}|ball_{}",
     "Unity": "Right Left|Hips|Neck|Head|{}Shoulder|{}UpperArm|{}LowerArm|{}Hand|{}UpperLeg|"
     "{}LowerLeg|{}Foot|{}Toes",
-    "VRM": "right left|hips|neck|head|{}Shoulder|{}UpperArm|{}LowerArm|{}Hand|{}UpperLeg|{}LowerLeg|"
-    "{}Foot|{}Toes",
+    "VRM": "right left|hips|neck|head|{}Shoulder|{}UpperArm|{}LowerArm|{}Hand|{}UpperLeg|"
+    "{}LowerLeg|{}Foot|{}Toes",
     "SMPL": "R L|Pelvis|Neck|Head|{}_Collar|{}_Shoulder|{}_Elbow|{}_Wrist|{}_Hip|{}_Knee|{}_Ankle|"
     "{}_Foot",
     "SMPL-X": "right left|pelvis|neck|head|{}_collar|{}_shoulder|{}_elbow|{}_wrist|{}_hip|{}_knee|"

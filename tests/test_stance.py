@@ -29,7 +29,7 @@ def body(frames=12, metres=4.0):
 
 BODY = body()
 WANT = features(face_forward(bodies.points(BODY))[0])[0]
-LYING = body(metres=0.0) @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]).T  # its trunk: +x
+LYING = body(metres=0.0)[..., [2, 1, 0]] * (1.0, 1.0, -1.0)  # its trunk along x
 LYING = LYING - LYING.mean(axis=(0, 1)) + (0.0, 0.0, 0.3)
 
 

@@ -90,7 +90,8 @@ def read_bvh(
     CMU's trials that were recorded at 60 Hz are known by their names (amc.cmu_rate): their
     conversions say 120 Hz. More or fewer frames than announced are read with a warning. A last
     line without a line end is read: Frames says whether it is all there. If it says more, or the
-    last number alone has fewer decimals than the others, it was cut, and the last frame is left out.
+    last number alone has fewer decimals than the others, it was cut, and the last frame is left
+    out.
 
     Args:
         path: .bvh or .bvh.gz.

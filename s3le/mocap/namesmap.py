@@ -1,4 +1,4 @@
-"""A file that says which joint of a motion file is which: YAML or JSON, our point -> its name there.
+"""A file that says which joint of a motion is which: YAML or JSON, our point -> its name there.
 
 Points are those of skeleton.POINTS and rigs.MORE; what the file leaves out is looked up as ever.
 """
@@ -19,7 +19,7 @@ def read_names(path: Path | str) -> dict[str, str]:
         path: .yaml or .json, of one mapping.
 
     Raises:
-        ParameterError: there is no such file, it is no such mapping, or a key is none of our points.
+        ParameterError: no such file, no such mapping, or a key that is none of our points.
     """
     try:
         tree, _ = plain_yaml.mapping(Path(path), WANTED, ParameterError)

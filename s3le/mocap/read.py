@@ -39,15 +39,18 @@ _BLENDER = (
 )
 _USD = _BLENDER.replace(  # the importer leaves the rate as it was
     "{command}",
-    "bpy.utils.expose_bundled_modules(); from pxr import Usd; bpy.ops.wm.usd_import(filepath='{name}'); "
+    "bpy.utils.expose_bundled_modules(); from pxr import Usd; "
+    "bpy.ops.wm.usd_import(filepath='{name}'); "
     "bpy.context.scene.render.fps = round(Usd.Stage.Open('{name}').GetTimeCodesPerSecond())",
 )
 _MVNX = (
     "take its segments' places out: python -c \"import numpy as np, xml.etree.ElementTree as E; "
-    "t = E.parse('{name}'); np.savez('{stem}.npz', joint_names=[s.get('label') for s in "
-    "t.iterfind('.//{*}segment')], fps=float(next(t.iterfind('.//{*}subject')).get('frameRate')), "
+    "t = E.parse('{name}'); np.savez('{stem}.npz', "
+    "joint_names=[s.get('label') for s in t.iterfind('.//{*}segment')], "
+    "fps=float(next(t.iterfind('.//{*}subject')).get('frameRate')), "
     "joints=np.array([f.find('{*}position').text.split() for f in t.iterfind('.//{*}frame') "
-    "if f.get('type') == 'normal'], float).reshape(-1, len(list(t.iterfind('.//{*}segment'))), 3))\""
+    "if f.get('type') == 'normal'], float).reshape("
+    "-1, len(list(t.iterfind('.//{*}segment'))), 3))\""
 )
 ROUTES = {  # formats that are not read, and the way round
     ".fbx": _BLENDER.replace("{command}", "bpy.ops.import_scene.fbx(filepath='{name}')"),

@@ -1,16 +1,16 @@
 """Which joint of a file is which of the ten points, by its name: one table for every format.
 
 A name is taken apart into a prefix (`mixamorig:`, `Bip01`, `J_Bip_`, `Robot_`), a side and a part;
-what the parts are called is in the tables below. One prefix serves a whole body, so that `ik_hand_l`
-does not stand in for `hand_l`. What clashes is told apart by what else is there: `LeftShoulder` is
-the clavicle beside `LeftArm` and the joint beside `LeftCollar`, `LeftLeg` is the shin beside
-`LeftUpLeg` and the thigh beside `LeftShin`.
+what the parts are called is in the tables below. One prefix serves a whole body, so that
+`ik_hand_l` does not stand in for `hand_l`. What clashes is told apart by what else is there:
+`LeftShoulder` is the clavicle beside `LeftArm` and the joint beside `LeftCollar`, `LeftLeg` is the
+shin beside `LeftUpLeg` and the thigh beside `LeftShin`.
 
 Sources: headers and joint lists of CMU's conversions by B. Hahne (cgspeed) and of its ASF, LAFAN1,
-Mixamo, Bandai-Namco, Xia et al. 2015, 3ds Max Biped, HumanIK, Perception Neuron, Rokoko, Xsens (BVH
-and segments), OptiTrack Motive, iPi, SOMA (BONES-SEED), Unreal, Unity and VRM, VRoid, MikuMikuDance,
-DAZ, Character Creator, Rigify, MakeHuman, Advanced Skeleton, ARKit, Kinect, Theia, SMPL, Human3.6M,
-COCO, MediaPipe and OpenPose.
+Mixamo, Bandai-Namco, Xia et al. 2015, 3ds Max Biped, HumanIK, Perception Neuron, Rokoko, Xsens
+(BVH and segments), OptiTrack Motive, iPi, SOMA (BONES-SEED), Unreal, Unity and VRM, VRoid,
+MikuMikuDance, DAZ, Character Creator, Rigify, MakeHuman, Advanced Skeleton, ARKit, Kinect, Theia,
+SMPL, Human3.6M, COCO, MediaPipe and OpenPose.
 """
 
 import re
@@ -217,7 +217,8 @@ def _body(known: Mapping[str, int], own: Mapping[str, int]) -> dict[str, int]:
     body: dict[str, int] = {}
     for point, parts in options.items():
         # Of one side alone too: the other is then what is missing, or stated.
-        part = next(filter(both, parts), next((p for p in parts if any(map(own.get, _of(p)))), None))
+        part = next(filter(both, parts), None)
+        part = part or next((p for p in parts if not own.keys().isdisjoint(_of(p))), None)
         body |= {
             f"{side}_{point}": own[name]
             for side, name in zip("rl", _of(part), strict=True) if name in own

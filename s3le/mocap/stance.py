@@ -1,9 +1,9 @@
 """Which axis of a BVH file is up: its rest pose and its motion must not disagree.
 
-Bones' offsets say it where the rest pose stands; in files whose bones all lie along one axis (LAFAN1,
-Rokoko, SOMA) they say nothing. The motion says it where most trunks are upright, or where the lowest
-joint stays on a floor at zero. A body that lies along an axis looks as if it stood along it: so a
-trunk alone decides only where no floor lies across.
+Bones' offsets say it where the rest pose stands; in files whose bones all lie along one axis
+(LAFAN1, Rokoko, SOMA) they say nothing. The motion says it where most trunks are upright, or where
+the lowest joint stays on a floor at zero. A body that lies along an axis looks as if it stood along
+it: so a trunk alone decides only where somebody stands on a floor, and no floor lies across.
 """
 
 from pathlib import Path
@@ -64,8 +64,8 @@ def up(
             )
         if not _stands(hip[:, k], joints[:, :, k] if legs else None, length):
             raise ClipError(
-                f"{path}: trunks point {points}, but nobody stands on a floor at zero of that axis, "
-                f"and the rest pose says nothing: somebody may lie; {SAY}"
+                f"{path}: trunks point {points}, but nobody stands on a floor at zero of that "
+                f"axis, and the rest pose says nothing: somebody may lie; {SAY}"
             )
         return points, [f"axes {points}, by where trunks point"]
     if len(floors) == 1:

@@ -143,7 +143,8 @@ class Film:
         at = 96
         for words, colour in legend:
             box(at / width, height - _FOOT / 2 - 5, (at + 10) / width, 10, colour)
-            text((at + 15) / width, foot, style.printable(words), va="center", size=8.5, color=style.QUIET)
+            words = style.printable(words)
+            text((at + 15) / width, foot, words, va="center", size=8.5, color=style.QUIET)
             at += 30 + 7 * len(words)
         bottom = top + max(len(tracks), 1) * (_LINE + 3)
         self._cursor = box(0, top - 3, 2 / width, bottom - top + 3, style.INK, animated=True)

@@ -328,4 +328,5 @@ class Page:
             if self._robots[i].note:
                 lines.append(f"&emsp;{escape(self._robots[i].note[:200])}")
         body = "<br>".join(lines)
-        return f'<div style="padding:0 1em;font-size:0.85em;line-height:1.6;overflow-wrap:anywhere">{body}</div>'
+        look = "padding:0 1em;font-size:0.85em;line-height:1.6;overflow-wrap:anywhere"
+        return f'<div style="{look}">{body}</div>'

@@ -1,8 +1,8 @@
 """Whether a body is a mirror image: left and right exchanged, or axes that are left-handed.
 
-Faces and toes point forward, knees bend so that the shin goes back, elbows so that the forearm comes
-forward. A mirror turns all of these about and changes nothing else, so that they are the only ones
-to ask. Each is asked by itself and only in frames in which it can tell.
+Faces and toes point forward, knees bend so that the shin goes back, elbows so that the forearm
+comes forward. A mirror turns all of these about and changes nothing else, so that they are the only
+ones to ask. Each is asked by itself and only in frames in which it can tell.
 """
 
 from pathlib import Path
@@ -95,7 +95,8 @@ def elbows(points: np.ndarray, forward: np.ndarray) -> np.ndarray:
     forward = _unit(forward - (forward * down).sum(axis=1, keepdims=True) * down)
     signs = []
     for side in "rl":
-        shoulder, elbow, hand = (points[:, _AT[f"{side}_{p}"]] for p in ("shoulder", "elbow", "hand"))
+        arm = (f"{side}_{part}" for part in ("shoulder", "elbow", "hand"))
+        shoulder, elbow, hand = (points[:, _AT[point]] for point in arm)
         upper, fore = _unit(elbow - shoulder), _unit(hand - elbow)
         cos = (down * upper).sum(axis=1, keepdims=True)
         with np.errstate(invalid="ignore", divide="ignore"):

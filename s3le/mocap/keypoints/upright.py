@@ -156,7 +156,7 @@ def _unit(path: str, trunk: float) -> str:
 
 
 def scale_of(points: np.ndarray) -> float:
-    """What brings points (n, 10, 3) of a skeleton in no unit to a person's size; 1 in any of UNITS."""
+    """What brings points (n, 10, 3) in no unit to a person's size; 1 in any of UNITS."""
     trunk = _length(points, "hip", "neck")
     known = any(TRUNK[0] <= trunk * metres <= TRUNK[1] for metres in UNITS.values())
     return 1.0 if known or not 1e-6 <= trunk <= 1e9 else PERSON / trunk
