@@ -1,4 +1,7 @@
 import json
+import re
+import subprocess
+import sys
 
 import bodies
 import numpy as np
@@ -109,6 +112,41 @@ def test_a_map_of_names_is_for_what_is_in_no_table_in_every_door(tmp_path, suffi
     clip = read_clip(path, how=how)
     check(clip)
     check(read_clip(path, how=clip.reading.how))  # as a viewer reads it later
+
+
+def test_the_way_round_from_mvnx_works(tmp_path):
+    names = bodies.named("Xsens' segments")
+    segments = "".join(f'<segment label="{name}"/>' for name in names)
+    joints = BODY + (0.0, 0.0, 0.9)
+    frames = [("identity", joints[0] * 0.0), *(("normal", row) for row in joints)]
+    text = "".join(
+        f'<frame type="{kind}"><position>{" ".join(f"{v:.9f}" for v in row.ravel())}</position>'
+        "</frame>" for kind, row in frames
+    )  # fmt: skip
+    write(tmp_path / "walk.mvnx", (
+        '<mvnx xmlns="http://www.xsens.com/mvn/mvnx"><subject frameRate="240"><segments>'
+        f"{segments}</segments><frames>{text}</frames></subject></mvnx>"))  # fmt: skip
+    with pytest.raises(ClipError, match=".mvnx is not read") as error:
+        read_clip(tmp_path / "walk.mvnx")
+    code = re.search(r'python -c "(.*)"', str(error.value))[1]
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+    clip = read_clip(tmp_path / "walk.npz")
+    assert clip.fps == 240.0
+    check(clip)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "command"),
+    [("fbx", "import_scene.fbx(filepath='a.fbx')"), ("usdc", "usd_import(filepath='a.usdc')"),
+     ("usdz", "usd_import(filepath='a.usdz')"), ("blend", "open_mainfile(filepath='a.blend')")],
+)  # fmt: skip
+def test_the_way_round_by_blender_is_a_line_to_copy(tmp_path, suffix, command):
+    path = write(tmp_path / f"a.{suffix}", "x")
+    with pytest.raises(ClipError) as error:
+        read_clip(path)
+    code = re.search(r'--python-expr "(.*)"', str(error.value))[1]
+    compile(code, "line", "exec")
+    assert command in code and code.endswith("bpy.ops.export_scene.gltf(filepath='a.glb')")
 
 
 def test_what_a_map_leaves_out_is_looked_up_and_what_it_says_wins():
