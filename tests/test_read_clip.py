@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from s3le.errors import ClipError, ParameterError
 from s3le.mocap import text
 from s3le.mocap.clip import Clip, at_constant_rate, frame_indices, resample
-from s3le.mocap.read import first_bytes, is_clip, read_clip
+from s3le.mocap.read import digest, first_bytes, is_clip, read_clip
 
 ROW = [0.0] * 12
 
@@ -113,6 +113,8 @@ def test_pipes_in_a_folder_are_no_clips(tmp_path):
         os.mkfifo(tmp_path / name)
         assert not is_clip(tmp_path / name)
         assert first_bytes(tmp_path / name) == b""
+        with pytest.raises(OSError, match="is a named pipe"):
+            digest(tmp_path / name)
 
 
 # mtime: a test is called the same in every process that collects it, whatever the second.

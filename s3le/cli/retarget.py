@@ -176,7 +176,8 @@ def _clips(given: list[Path]) -> list[Path]:
             paths.append(path)
             continue
         if path.is_dir() and not inside:
-            raise ParameterError(f"{path}: is a folder with no motion files ({', '.join(READ)})")
+            known = ", ".join(READ)
+            raise ParameterError(f"{path}: is a folder with no motion files in it ({known})")
         paths += inside if path.is_dir() else [path]
     counts = Counter(clip_name(path) for path in paths)
     for name, count in counts.items():
@@ -247,10 +248,10 @@ def _one(
     from s3le.scene import motion
     from s3le.trajectory import files, layouts, whole
 
-    how = how | {"about": how["about"] | motion.about_clip(path, out)}
     frames = clipframes.read(path, follower.machine.neck, tilt_max, fps, how=known)
     if not minority:
         clipframes.refuse_minority(path, frames)
+    how = how | {"about": how["about"] | motion.about_clip(path, out)}
     for words in frames.reading.told if frames.reading else ():
         typer.echo(f"{path}: note: {words}", err=True)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:

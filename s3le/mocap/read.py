@@ -160,6 +160,8 @@ def digest(path: Path | str) -> str:
     """
     folder = frames_of(path)
     if folder is None:
+        if Path(path).exists() and (why := no_file(path)):  # a pipe would be waited for
+            raise OSError(f"{path}: {why}")
         return hashlib.sha256(Path(path).read_bytes()).hexdigest()
     whole = hashlib.sha256()
     for file in sorted(folder.iterdir()):
