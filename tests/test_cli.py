@@ -21,10 +21,11 @@ from worlds import coman, relaxed
 from s3le.cli import shell
 from s3le.cli.main import app
 from s3le.errors import ParameterError, RobotError
-from s3le.human.keypoints.how import AXES
+from s3le.human.keypoints.how import AXES, recorded
 from s3le.human.keypoints.layouts import LAYOUTS
 from s3le.kernels import batch
 from s3le.motion import files, trajectory
+from s3le.show import motions as scenes
 
 ROOT = Path(__file__).parents[1]
 ROBOT = ["--robot", str(ROOT / "data" / "robots" / "coman.yaml")]
@@ -354,6 +355,62 @@ def test_a_folder_of_amass_is_its_motions_without_its_shapes(tmp_path, retargete
     said = run("retarget", home, "--out", tmp_path / "out")
     assert said.exit_code == 0, said.output
     assert [p.name for p in (tmp_path / "out").glob("*.parquet")] == ["walk_poses.parquet"]
+
+
+def test_axes_and_names_are_stated_of_a_bvh_and_remembered(tmp_path, retargeter):
+    names = ["Sleeve" if name == "LeftForeArm" else name for name in bodies.named("LAFAN1")]
+    joints = bodies.body(20) + (0.0, 0.0, 0.9)
+    clip = write(tmp_path / "odd.bvh", bodies.bvh_of(joints, names, rest="y"))
+    out = tmp_path / "out"
+    said = run("retarget", clip, "--out", out)
+    assert said.exit_code == shell.BROKEN and "no joint for l_elbow" in said.output
+    write(tmp_path / "map.yaml", "l_elbow: Sleeve\n")
+    given = ("--names", tmp_path / "map.yaml")
+    said = run("retarget", clip, "--out", out, *given)
+    assert said.exit_code == shell.BROKEN and "rest pose is y-up and trunks" in said.output
+    said = run("retarget", clip, "--out", out, *given, "--axes", "z-up")
+    assert said.exit_code == 0, said.output
+    about = files.read(out / "odd.parquet").about
+    known = recorded(about)
+    assert (known.axes, known.names) == ("z-up", {"l_elbow": "Sleeve"})
+    assert json.loads((out / "odd.json").read_text())["reading"]["axes"] == "z-up"
+    shown = scenes.of(files.read(out / "odd.parquet"), out / "odd.parquet", retargeter.robot)
+    assert len(scenes.human(clip, shown).x) == 20  # as a viewer reads it later
+    said = run("retarget", clip, "--out", out, "--names", tmp_path / "none.yaml")
+    assert said.exit_code == shell.UNREADABLE and "none.yaml: no such file" in said.output
+
+
+@pytest.mark.parametrize("kind", ["bvh", "npz"])
+def test_a_clip_of_which_most_frames_cannot_be_used_fails_unless_that_is_accepted(
+    tmp_path, retargeter, kind
+):
+    joints = bodies.body(20) @ bodies.INTO["y-up"].T
+    joints[:11] = joints[:11] @ bodies.INTO["y-up"]  # lies for 11 of 20
+    clip = tmp_path / f"falls.{kind}"
+    if kind == "bvh":
+        write(clip, bodies.bvh_of(joints[::-1], bodies.named("LAFAN1"), rest="y"))
+    else:
+        np.savez(clip, joints=joints, fps=30.0)
+    out = tmp_path / "out"
+    said = run("retarget", clip, "--out", out, "--axes", "y-up")
+    assert said.exit_code == shell.BROKEN
+    assert "only 9 of 20 frames can be used (pelvis 2, tilt 9)" in said.output
+    assert "--accept-minority" in said.output and not out.exists()
+    said = run("retarget", clip, "--out", out, "--axes", "y-up", "--accept-minority")
+    assert said.exit_code == 0, said.output
+    assert json.loads((out / "falls.json").read_text())["frames"]["followed"] == 9
+    joints[10] = joints[11]  # ten of twenty are no minority
+    np.savez(tmp_path / "half.npz", joints=joints, fps=30.0)
+    said = run("retarget", tmp_path / "half.npz", "--out", out, "--axes", "y-up")
+    assert said.exit_code == 0, said.output
+
+
+def test_what_is_no_file_is_called_what_it_is(tmp_path, retargeter):
+    (tmp_path / "dir.bvh").mkdir()
+    os.mkfifo(tmp_path / "pipe.bvh")
+    for name, what in (("dir.bvh", "is a folder"), ("pipe.bvh", "is a named pipe (FIFO)")):
+        said = run("retarget", tmp_path / name, "--out", tmp_path / "out")
+        assert said.exit_code in (1, 2) and what in said.output
 
 
 def test_a_folder_of_frames_is_one_clip_and_not_mixed_with_others(tmp_path, retargeter):

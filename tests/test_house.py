@@ -40,6 +40,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
         "s3le/store/tables.py", "s3le/motion/parquet.py", "s3le/human/points_parquet.py",
     ),
     "matplotlib": ("s3le/report/", "s3le/show/"),
+    "anyascii": ("s3le/report/", "s3le/show/"),
     "viser": ("s3le/show/viewer/",),
     "trimesh": ("s3le/show/viewer/",),
     "av": ("s3le/show/movie.py", "s3le/video/decode.py"),

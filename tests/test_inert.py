@@ -452,7 +452,7 @@ def test_frankmocaps_people_and_other_files_are_told_apart(tmp_path):
     with pytest.raises(ClipError, match=r"00002_prediction_result.pkl: refused, .*'os.system'"):
         read_clip(two)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(ClipError, match="motion files end in"):
+    with pytest.raises(ClipError, match="is a folder, and holds no frames of FrankMocap"):
         read_clip(tmp_path / "empty")
 
 

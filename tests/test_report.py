@@ -434,3 +434,66 @@ def test_colours_of_correspondence_tell_points_apart():
     corners = [[int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)] for c in maps.CORNERS]
     ends = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
     np.testing.assert_allclose(maps.colours(ends), corners, atol=1e-12)
+
+
+# --- names
+
+
+NAME = "춤_ダンス_舞踊_танец_" + "z" * 60 + "_👋"  # Cyrillic is in the font
+
+
+def written(monkeypatch) -> list[str]:
+    """What figures say from now on."""
+    from matplotlib.text import Text
+
+    said = []
+    draw = Text.draw
+    monkeypatch.setattr(
+        Text, "draw", lambda self, *a, **k: (said.append(self.get_text()), draw(self, *a, **k))[1]
+    )
+    return said
+
+
+def test_letters_that_the_font_lacks_are_printed_in_latin():
+    assert style.printable("Ünter den Łinden, Ωμέγα, танец\nзима") == (
+        "Ünter den Łinden, Ωμέγα, танец\nзима"
+    )
+    latin = style.printable("左腕 ダンス 춤")
+    assert latin.isascii() and "dansu" in latin.lower() and "chum" in latin.lower()
+    assert style.printable("a\u0308") == "ä" and style.printable("\ue000") == "?"
+    for width in (0.1, 1.0, 3.0):
+        lines = style.wrapped(NAME, width, 9.0, bold=True).split("\n")
+        assert "".join(lines) == style.printable(NAME)
+        assert all(style.wide(one, 9.0, bold=True) <= width or len(one) == 1 for one in lines)
+    assert style.wrapped("two words", 0.5, 9.0) == "two\nwords"
+
+
+# A glyph that is missing is a warning, and a warning an error here.
+@pytest.mark.parametrize("name", [NAME, "舞" * 30], ids=["mixed", "Chinese"])
+def test_figures_print_names_of_any_script_and_do_not_cut_them(
+    tmp_path, coman, monkeypatch, name
+):
+    from s3le.show import film
+
+    x, ends, radius, _ = coman
+    said = written(monkeypatch)
+    rows = [strip.Row(f"human: {name}", skeleton=x), strip.Row(name, ends=ends, radius=radius)]
+    strip.draw(tmp_path / "a.png", np.arange(len(x)) / 10, rows, name)
+    whole = style.printable(name)
+
+    def anywhere():
+        return any(whole in "".join(one.split("\n")) for one in said)
+
+    assert anywhere()
+    for suffix in ("png", "svg"):
+        said.clear()
+        row = {"split": "test", "clip": name, "method": "s3le", "to_truth": 0.1}
+        bars.draw(tmp_path / f"b.{suffix}", [row], METHODS, name)
+        assert anywhere()
+    said.clear()
+    with style.sheet():
+        made = film.Film(
+            np.arange(len(x)) / 10, rows, [], [(name, "#ff0000")], solid.USUAL, 640, solid.PLAIN
+        )
+        assert made.picture(0).shape == (*made.size[::-1], 3)
+    assert anywhere()

@@ -1,6 +1,7 @@
 """Options that several commands have, so that they are called and explained alike."""
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -47,8 +48,16 @@ Layout = Annotated[
 Axes = Annotated[
     str | None,
     typer.Option(
-        help="Axes of keypoints: camera (x right, y down, z away), y-up, z-up.",
-        show_default="by where trunks point",
+        help="Axes of the file: y-up, z-up, camera (x right, y down, z away), y-up-left (Unity), "
+        "z-up-left (Unreal).",
+        show_default="by the format, the rest pose and where trunks point",
+    ),
+]
+Names = Annotated[
+    Path | None,
+    typer.Option(
+        help="File that says which joint is which (YAML or JSON: r_elbow: RightForeArm, ...).",
+        show_default="by the usual names",
     ),
 ]
 Pitch = Annotated[

@@ -57,6 +57,7 @@ def render(
     person: options.Person = None,
     confidence: options.Confidence = None,
     animation: options.Animation = None,
+    names: options.Names = None,
 ) -> None:
     """Draw motions: a strip of snapshots (.png), or a film (.mp4, .gif); needs no screen, no GPU.
 
@@ -76,7 +77,7 @@ def render(
     with shell.guarded():
         strip = _check(out, frames, every, fps, size)
         angles = shown.camera(camera)
-        known = shell.how(layout, axes, pitch, person, confidence, animation)
+        known = shell.how(layout, axes, pitch, person, confidence, animation, names)
         loaded = shown.load(files, human, robot, rate, joints, degrees, known)
         if strip:
             _strip(loaded, out, frames, every, begin, end, angles, size)

@@ -67,12 +67,19 @@ def retarget(
     tilt_max: Annotated[
         float, typer.Option(help="Drop frames whose torso leans farther [deg].")
     ] = 60.0,
+    accept_minority: Annotated[
+        bool,
+        typer.Option(
+            "--accept-minority", help="Also write clips of which most frames cannot be used."
+        ),
+    ] = False,
     layout: options.Layout = None,
     axes: options.Axes = None,
     pitch: options.Pitch = None,
     person: options.Person = None,
     confidence: options.Confidence = None,
     animation: options.Animation = None,
+    names: options.Names = None,
 ) -> None:
     """Retarget motion files: one Parquet and one JSON summary per clip, all of it certified.
 
@@ -80,7 +87,7 @@ def retarget(
     clearance [m], mode. Every pose is checked by coal and every path between two poses is proven
     before anything is written; a clip that fails is named, and the others are still written. What
     keypoints leave open (which joint is which, up, tilt, unit, rate) is found in the data and said,
-    or asked for.
+    or asked for. A clip of which most frames cannot be used fails too.
 
     \b
     s3le retarget walk.bvh --out out
@@ -89,6 +96,7 @@ def retarget(
     s3le retarget walk.bvh --out out --full --for gmr --for mjlab --rate 30
     s3le retarget mediapipe.npz --out out --pitch 12
     s3le retarget joints.csv --out out --layout h36m17 --axes camera --fps 25
+    s3le retarget odd.bvh --out out --axes z-up --names names.yaml
     s3le retarget mocap_output/ --out out --person 0
     s3le audit out/*.parquet
 
@@ -98,8 +106,8 @@ def retarget(
         from s3le.human.chosen import chosen
         from s3le.retarget import outputs
 
-        read = {"fps": fps, "tilt_max": tilt_max,
-                "how": shell.how(layout, axes, pitch, person, confidence, animation)}  # fmt: skip
+        known = shell.how(layout, axes, pitch, person, confidence, animation, names)
+        read = {"fps": fps, "tilt_max": tilt_max, "how": known}
         paths = chosen(clips)
         retargeter = shell.retargeter(model, method)
         own = retargeter.robot.name
@@ -119,7 +127,7 @@ def retarget(
         failed = 0
         for path in paths:
             try:
-                summary = _one(path, retargeter, out, shape, read, how)
+                summary = _one(path, retargeter, out, shape, read, accept_minority, how)
             except (S3leError, OSError) as refusal:
                 shell.complain(refusal)
                 failed += 1
@@ -136,15 +144,18 @@ def _one(
     out: Path,
     shape: "outputs.Shape",
     read: dict[str, Any],
+    minority: bool,
     how: dict[str, Any],
 ) -> dict[str, Any]:
     """Retarget one clip and write what came of it."""
     from s3le.human.origin import about_clip
-    from s3le.human.skeletons import read_frames
+    from s3le.human.skeletons import read_frames, refuse_minority
     from s3le.retarget import clip, outputs
 
     how = how | {"about": how["about"] | about_clip(path, out)}
     frames = read_frames(path, retargeter.robot.neck, **read)
+    if not minority:
+        refuse_minority(path, frames)
     for words in frames.reading.told if frames.reading else ():
         typer.echo(f"{path}: note: {words}", err=True)
     with shell.bar(len(frames.x), frames.name, "frames") as progress:

@@ -141,15 +141,18 @@ def how(
     person: int | None,
     confidence: float | None,
     animation: str | None,
+    names: Path | None,
 ) -> "How":
-    """What the command line says about keypoints.
+    """What the command line says about how a clip is to be read.
 
     Raises:
         ParameterError: a value is out of its range.
     """
     from s3le.human.keypoints.how import How
+    from s3le.human.namesmap import read_names
 
-    return How(layout, axes, pitch, person, confidence, animation).check()
+    named = None if names is None else read_names(names)
+    return How(layout, axes, pitch, person, confidence, animation, named).check()
 
 
 def names(given: str | None) -> list[str] | None:

@@ -41,6 +41,7 @@ def view(
     person: options.Person = None,
     confidence: options.Confidence = None,
     animation: options.Animation = None,
+    names: options.Names = None,
 ) -> None:
     """Look at motions in a browser: human and robots, clearance, where they were slowed or held.
 
@@ -63,7 +64,7 @@ def view(
             raise ParameterError(f"--port must be from 0 to 65535, got {port}")
         if rate is not None and not rate > 0.0:
             raise ParameterError(f"--rate must be above 0 Hz, got {rate!r}")
-        known = shell.how(layout, axes, pitch, person, confidence, animation)
+        known = shell.how(layout, axes, pitch, person, confidence, animation, names)
         loaded = shown.load(files, human, robot, rate, joints, degrees, known)
         try:
             from s3le.show.viewer.page import Page

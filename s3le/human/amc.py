@@ -5,6 +5,8 @@ were recorded at 60 instead of 120 Hz. Angles follow the AMC file's own keyword 
 :RADIANS), else the skeleton's. A skeleton file's grammar is in `asf`.
 """
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +29,7 @@ from s3le.human.text import (
 )
 from s3le.skeleton import POINTS
 
-__all__ = ["CMU_60_HZ", "cmu_rate", "joint_positions", "read_amc", "read_asf"]
+__all__ = ["CMU_60_HZ", "CMU_FPS", "cmu_rate", "joint_positions", "read_amc", "read_asf"]
 
 # The bone whose end is each of skeleton.POINTS.
 CMU_POINTS = {
@@ -42,19 +44,23 @@ CMU_POINTS = {
     "l_elbow": "lhumerus",
     "l_hand": "lradius",
 }
+CMU_FPS = 120.0  # [Hz], of most of CMU's trials
 # Subjects whose trials CMU's index lists at 60 Hz; of subject 136 it is trial 19 alone.
 CMU_60_HZ = frozenset((33, 34, 42, 60, 61, 62, 74, 75, 77, 79, 80, 87, 88, 89))
+_TRIAL = re.compile(r"0*([0-9]{1,3})_0*([0-9]{1,3})(?![0-9])(?:[^A-Za-z0-9].*)?")  # 60_10_salsa
 _AXES = {"rx": 0, "ry": 1, "rz": 2, "tx": 0, "ty": 1, "tz": 2}
 
 
 def cmu_rate(trial: str) -> float:
-    """Frame rate [Hz] of a CMU trial such as "79_51"; 120 for a name of any other form."""
-    subject, _, number_ = trial.partition("_")
-    slow = subject.isdecimal() and number_.isdecimal() and int(subject) in CMU_60_HZ
-    return 60.0 if slow or trial == "136_19" else 120.0
+    """Frame rate [Hz] of a CMU trial such as "79_51" or "60_10_salsa"; 120 for any other name."""
+    found = _TRIAL.fullmatch(trial)
+    subject, number_ = map(int, found.groups()) if found else (0, 0)
+    return 60.0 if subject in CMU_60_HZ or (subject, number_) == (136, 19) else CMU_FPS
 
 
-def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
+def read_amc(
+    path: Path | str, skeleton: Skeleton, fps: float, names: Mapping[str, str] | None = None
+) -> Clip:
     """Read a motion and place the ten points in every frame.
 
     The format has no count of frames, so where nothing follows the last number it may be a part
@@ -64,6 +70,7 @@ def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
         path: .amc or .amc.gz.
         skeleton: of the same person, from read_asf.
         fps: frames per second [Hz]; see cmu_rate.
+        names: bones whose ends are points, by point, where they are not those of CMU_POINTS.
 
     Returns:
         Clip in metres, z up, x where the file's z was.
@@ -74,9 +81,11 @@ def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
             count of finite numbers; or a skeleton without the bones of CMU_POINTS.
         ParameterError: fps is no sensible rate.
     """
-    if lost := [bone for bone in CMU_POINTS.values() if bone not in skeleton.bones]:
+    ends_at = {point: (names or {}).get(point, bone) for point, bone in CMU_POINTS.items()}
+    if lost := [bone for bone in ends_at.values() if bone not in skeleton.bones]:
         raise ClipError(
-            f"{path}: its skeleton has no {', '.join(lost)}; it has {listed(skeleton.bones)}"
+            f"{path}: its skeleton has no {', '.join(lost)}; it has {listed(skeleton.bones)}; say "
+            "whose ends are meant: --names MAP"
         )
     data = read_bytes(path)
     require(path, data, "AMC text")
@@ -93,8 +102,8 @@ def read_amc(path: Path | str, skeleton: Skeleton, fps: float) -> Clip:
         channels = {key: np.radians(v) if key[1][0] == "r" else v for key, v in channels.items()}
     refuse_wild_angles(path, np.stack([v for k, v in channels.items() if k[1][0] == "r"], axis=1))
     with np.errstate(over="ignore", invalid="ignore"):  # make_clip refuses what comes of it
-        ends = joint_positions(skeleton, channels, set(CMU_POINTS.values()))
-        points = np.stack([ends[CMU_POINTS[point]] for point in POINTS], axis=1)  # (n, 10, 3)
+        ends = joint_positions(skeleton, channels, set(ends_at.values()))
+        points = np.stack([ends[ends_at[point]] for point in POINTS], axis=1)  # (n, 10, 3)
         return make_clip(path, fps, points[..., [2, 0, 1]] * skeleton.metres)
 
 

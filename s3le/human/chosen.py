@@ -31,7 +31,8 @@ def chosen(given: list[Path]) -> list[Path]:
             paths.append(path)
             continue
         if path.is_dir() and not inside:
-            raise ParameterError(f"{path}: no motion files in it ({', '.join(READ)})")
+            known = ", ".join(READ)
+            raise ParameterError(f"{path}: is a folder with no motion files in it ({known})")
         paths += inside if path.is_dir() else [path]
     counts = Counter(clip_name(path) for path in paths)
     for name, count in counts.items():

@@ -82,6 +82,25 @@ class ClipFrames(NamedTuple):
         return float(np.diff(self.time).max(initial=0.0))
 
 
+def refuse_minority(path: Path | str, frames: ClipFrames) -> None:
+    """Refuse a clip of which most frames were left out.
+
+    Raises:
+        ClipError: fewer than half of its frames can be used; names the causes.
+    """
+    kept = len(frames.x)
+    if 2 * kept < frames.total:
+        raise ClipError(
+            f"{path}: only {kept} of {frames.total} frames can be used "
+            f"({_causes(frames.dropped)}); another axis may be up (--axes), or accept it with "
+            "--accept-minority"
+        )
+
+
+def _causes(dropped: dict[str, int]) -> str:
+    return ", ".join(f"{cause} {count}" for cause, count in dropped.items() if count)
+
+
 def read_frames(
     path: Path | str,
     neck: str,
@@ -109,7 +128,7 @@ def read_frames(
         clip = resample(clip, rate)
     kept = skeletons(clip.points, neck, radians(tilt_max))
     if not len(kept.rows):
-        causes = ", ".join(f"{cause} {count}" for cause, count in kept.dropped.items() if count)
+        causes = _causes(kept.dropped)
         raise ClipError(f"{path}: not one of {len(clip.points)} frames can be used ({causes})")
     return ClipFrames(
         clip.name,

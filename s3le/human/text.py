@@ -6,6 +6,7 @@ A refusal reads `path:line: why`. Nothing here knows a motion format beyond its 
 import gzip
 import logging
 import re
+import stat
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -33,14 +34,22 @@ def refusal(path: Path | str, line: int | None, why: str) -> ClipError:
 
 def shown(token: bytes | str) -> str:
     """A token as a refusal quotes it: printable, in quotes, cut when long."""
-    text = token.decode("latin-1") if isinstance(token, bytes) else token
+    text = printed(token) if isinstance(token, bytes) else token
     return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
+
+
+def printed(token: bytes) -> str:
+    """A word of a text as it is meant to be read: UTF-8, else Latin-1, which any bytes are."""
+    try:
+        return token.decode("utf-8")
+    except UnicodeDecodeError:
+        return token.decode("latin-1")
 
 
 def listed(names: Iterable[str]) -> str:
     """Names as a refusal lists them: printable, with commas, cut when many."""
     names = list(names)
-    text = ", ".join(ascii(name)[1:-1][:_SHOWN] for name in names[:_LISTED])
+    text = ", ".join(repr(name)[1:-1][:_SHOWN] for name in names[:_LISTED])
     return text if len(names) <= _LISTED else f"{text}, ... ({len(names)} in all)"
 
 
@@ -56,8 +65,8 @@ def read_bytes(path: Path | str, limit: int = MAX_BYTES, packed: bool | None = N
         ClipError: no such file, not a regular file, damaged gzip, or longer than limit.
     """
     path = Path(path)
-    if not path.is_file():  # also keeps pipes and devices, which never end, out
-        raise refusal(path, None, "no such file")
+    if why := no_file(path):
+        raise refusal(path, None, why)
     packed = path.suffix.lower() == ".gz" if packed is None else packed
     try:
         with gzip.open(path) if packed else path.open("rb") as stream:
@@ -67,6 +76,27 @@ def read_bytes(path: Path | str, limit: int = MAX_BYTES, packed: bool | None = N
     if len(data) > limit:
         raise refusal(path, None, f"longer than the {limit / 2**20:g} MiB that are read")
     return data
+
+
+def no_file(path: Path | str) -> str:
+    """What stands at a path in place of a file, in words; empty where there is a file.
+
+    Pipes and devices, which never end, are told here, before anybody opens them.
+    """
+    path = Path(path)
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        gone = isinstance(error, (FileNotFoundError, NotADirectoryError, ValueError))
+        return "no such file" if gone else f"cannot be read: {error.strerror or error}"
+    kinds = (
+        (stat.S_ISDIR, "is a folder, not a file"),
+        (stat.S_ISFIFO, "is a named pipe (FIFO), not a file; write what comes out of it to one"),
+        (stat.S_ISSOCK, "is a socket, not a file"),
+        (stat.S_ISCHR, "is a device, not a file"),
+        (stat.S_ISBLK, "is a device, not a file"),
+    )
+    return next((words for is_one, words in kinds if is_one(mode)), "")
 
 
 def split_lines(path: Path | str, data: bytes) -> list[bytes]:
@@ -118,7 +148,7 @@ def looks_like(head: bytes) -> str:
         return "binary C3D markers" if head[1:2] == b"\x50" else "binary data"
     if body[:1] == b"<":
         return "an HTML or XML page"
-    if first.split(b" ")[0].split(b"\t")[0] == b"HIERARCHY":
+    if first.split(b" ")[0].split(b"\t")[0].upper() == b"HIERARCHY":
         return "BVH text"
     if body[:1] in b"{[":
         return "JSON text"

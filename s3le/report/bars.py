@@ -15,7 +15,7 @@ _COLUMNS = 3  # at most
 _ANGLES = (5, 10, 15, 20, 25, 30, 40, 50, 60, 75, 90, 120, 180)  # [deg], ticks on top
 _ENTRIES = 4  # of the legend in a line
 _MEAN = "mean over\nmotions"
-_LONGEST = 26  # characters of a motion's name
+_LONGEST, _LETTER = 26, 0.072  # letters of a line of a motion's name, [inch] for each
 
 
 class _Split(NamedTuple):
@@ -76,7 +76,8 @@ def _gather(rows: list[dict[str, Any]], keys: list[str]) -> list[_Split]:
 
 def _chart(path, splits, methods, bars, over, columns, title):
     thick = 0.125 if columns == 1 else 0.095  # [inch] a bar
-    group = thick * len(bars) + 0.11
+    lines = max(_lines(clip).count("\n") + 1 for split in splits for clip in [*split.clips, ""])
+    group = max(thick * len(bars) + 0.11, 0.135 * lines + 0.04)
     mean_group = 0.17 * len(bars) + 0.16
     panels = []  # for each split its clips, column by column
     for split in splits:
@@ -85,19 +86,24 @@ def _chart(path, splits, methods, bars, over, columns, title):
     tall = [mean_group + group * max(len(clips) for clips in parts) for parts in panels]
 
     width = (8.2, 11.5, 15.0)[columns - 1]
-    names = max(len(_short(clip)) for split in splits for clip in split.clips)
-    left, gap = max(0.072 * names, 0.75) + 0.15, 0.25
+    names = [
+        line for split in splits for clip in split.clips for line in _lines(clip).split("\n")
+    ]
+    left = max(*(max(_LETTER * len(n), style.wide(n, 8.0)) for n in names), 0.75) + 0.15
+    gap = 0.25
     room = (width - 0.25) / columns
     kinds = [[m for m in methods if m[0] in bars], [m for m in methods if m[0] not in bars]]
     legend = [-(-len(kind) // _ENTRIES) for kind in kinds]
-    head, foot = 0.52 + 0.19 * sum(legend), 0.52
+    title = style.wrapped(title, width - 0.3, 12.0, bold=True)
+    more = 0.2 * title.count("\n")
+    head, foot = 0.52 + more + 0.19 * sum(legend), 0.52
     above, below = 0.60, 0.34  # of each split: its name and the angles; the scale
     height = head + sum(tall) + (above + below) * len(splits) + foot
     figure = style.figure(width, height)
     top = max([*(v for split in splits for v in split.value.values()), 0.01]) * 1.04
 
     figure.text(0.12 / width, 1 - 0.12 / height, title, va="top", size=12, weight="bold")
-    y = height - 0.42
+    y = height - 0.42 - more
     for kind, lines in zip(kinds, legend, strict=True):
         _legend(figure, methods, kind, set(bars), (0.10 / width, y / height))
         y -= 0.19 * lines
@@ -157,7 +163,7 @@ def _panel(axes: Axes, split, clips, mean, methods, bars, over, sizes):
             under = _value(split, clip, over.get(key))[0]
             if under is not None:
                 _tick(axes, under, middle, bar, style.colour(over[key]))
-        ticks.append((y + inches / 2, _MEAN if clip is None else _short(clip)))
+        ticks.append((y + inches / 2, _MEAN if clip is None else _lines(clip)))
         y += inches
     axes.set_ylim(y, 0.0)
     axes.set_yticks([at for at, _ in ticks], [name for _, name in ticks])
@@ -226,9 +232,6 @@ def _angles(axes: Axes, top: float) -> None:
         above.spines[side].set_visible(False)
 
 
-def _short(name: str) -> str:
-    """A name that fits: its middle gives way."""
-    if len(name) <= _LONGEST:
-        return name
-    keep = (_LONGEST - 1) // 2
-    return f"{name[:keep]}…{name[-(_LONGEST - 1 - keep) :]}"
+def _lines(name: str) -> str:
+    """A name in as many lines as it needs."""
+    return style.wrapped(name, _LONGEST * _LETTER, 8.0)

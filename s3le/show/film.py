@@ -19,6 +19,7 @@ from s3le.show.figures import Cells, Row, check, window
 from s3le.show.human import stand
 
 _PAD, _TITLE, _WORDS, _LINE, _FOOT = 10, 34, 24, 9, 30  # [pixels]
+_TEXT = 17  # [pixels] of another line of a title
 _ROOM = 0.04  # [m] around a figure
 _TALLEST = 0.9  # of a picture's height to its width, below which the width decides the scale
 
@@ -72,7 +73,10 @@ class Film:
         self._tall = round(tall * self._scale)
         # The figures stay in the middle of their cells.
         self._corner = ((w.left + w.right - self._cell / self._scale) / 2, w.high + _ROOM)
-        height = _TITLE + self._tall + _WORDS + (_LINE + 3) * max(len(tracks), 1) + _FOOT
+        self._labels = [style.wrapped(row.label, self._cell / 100, 10, bold=True) for row in rows]
+        lines = max(label.count("\n") + 1 for label in self._labels)
+        self._title = _TITLE + _TEXT * (lines - 1)
+        height = self._title + self._tall + _WORDS + (_LINE + 3) * max(len(tracks), 1) + _FOOT
         self.size = self._width, height + height % 2
         self._draw_frame(tracks, legend)
 
@@ -86,13 +90,13 @@ class Film:
         self._clock.set_text(f"{self.times[i]:.2f} s")
         self._cursor.set_x(self._along(i) - 1.0 / self.size[0])
         for words, row in zip(self._words, self._rows, strict=True):
-            words.set_text(row.note[i] if row.note is not None else "")
+            words.set_text(style.printable(row.note[i]) if row.note is not None else "")
         for artist in (self._clock, self._cursor, *self._words):
             self._figure.draw_artist(artist)
         page = np.array(np.asarray(self._canvas.buffer_rgba())[..., :3])
         for column, cells in enumerate(self._cells):
             x = _PAD + column * (self._cell + _PAD)
-            part = page[_TITLE : _TITLE + self._tall, x : x + self._cell]
+            part = page[self._title : self._title + self._tall, x : x + self._cell]
             if not cells.good[i]:
                 part[:] = 242
                 continue
@@ -117,17 +121,15 @@ class Film:
         self._canvas = FigureCanvasAgg(self._figure)
         text, box = self._figure.text, self._box
         middles = [_PAD + (k + 0.5) * self._cell + k * _PAD for k in range(len(self._rows))]
-        for row, middle in zip(self._rows, middles, strict=True):
-            fits = max(int(self._cell / 7.5), 4)
-            label = row.label if len(row.label) <= fits else "…" + row.label[1 - fits :]
-            text(middle / width, 1 - 20 / height, label, ha="center", va="center",
-                 size=10, weight="bold", color=row.colour or style.INK)  # fmt: skip
+        for row, label, middle in zip(self._rows, self._labels, middles, strict=True):
+            text(middle / width, 1 - (self._title / 2 + 3) / height, label, ha="center",
+                 va="center", size=10, weight="bold", color=row.colour or style.INK)  # fmt: skip
         self._words = [
-            text(middle / width, 1 - (_TITLE + self._tall + 12) / height, "", ha="center",
+            text(middle / width, 1 - (self._title + self._tall + 12) / height, "", ha="center",
                  va="center", size=8.5, color=style.QUIET, animated=True)
             for middle in middles
         ]  # fmt: skip
-        top = _TITLE + self._tall + _WORDS
+        top = self._title + self._tall + _WORDS
         for number, track in enumerate(tracks or [Track([])]):
             y = top + number * (_LINE + 3)
             box(self._along(0), y, self._along(len(self.times) - 1), _LINE, "#dfe5ea")
@@ -141,6 +143,7 @@ class Film:
         at = 96
         for words, colour in legend:
             box(at / width, height - _FOOT / 2 - 5, (at + 10) / width, 10, colour)
+            words = style.printable(words)
             text((at + 15) / width, foot, words, va="center", size=8.5, color=style.QUIET)
             at += 30 + 7 * len(words)
         bottom = top + max(len(tracks), 1) * (_LINE + 3)

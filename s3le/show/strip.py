@@ -18,6 +18,7 @@ from s3le.show.figures import Cells, Row, check, still, window
 from s3le.show.human import FOREARM, SHOULDER, TRUNK, UPPER_ARM
 
 _LABEL, _PAD, _LINE = 196, 6, 18  # [pixels]
+_NAME = (_LABEL - 20) / style.DPI  # [inch] for a row's name
 _WIDEST, _FINEST = 1880, 230.0  # [pixels] for all cells together, [pixels per metre]
 
 
@@ -98,11 +99,15 @@ def _strip(
     wide = max(round((right - left) * scale), 64)
     tall = {kind: round((w.high - w.low + 0.06) * scale) for kind, w in windows.items()}
     noted = [20 if row.note is not None else 0 for row in rows]
+    # A long name takes as many lines as it needs; the row below waits for them.
+    lines = [style.wrapped(row.label, _NAME, 9.0, bold=True).count("\n") + 1 for row in rows]
+    for i, (kind, own) in enumerate(zip(kinds, lines, strict=True)):
+        noted[i] = max(noted[i], own * 20 - tall[kind])
     heights = [tall[kind] + extra for kind, extra in zip(kinds, noted, strict=True)]
 
     seen = round(wide * np.divide(*photos.pictures[0].shape[:2])) + _PAD if photos else 0
     width = max(_LABEL + n * (wide + _PAD) + _PAD, 760)
-    title = textwrap.fill(title, max(width // 16, 20))
+    title = style.wrapped(title, (width - 20) / style.DPI, 11.0, bold=True)
     caption = textwrap.wrap(_caption(rows, kinds, camera), int((width - _LABEL) / 7.9))
     head = 44 + 27 * (title.count("\n") + 1)
     height = head + seen + sum(heights) + _PAD * len(rows) + 26 + _LINE * len(caption)
@@ -118,7 +123,7 @@ def _strip(
     y = head + seen
     if photos:
         page.text(
-            _LABEL - 14, head + seen / 2, textwrap.fill(photos.label, 17),
+            _LABEL - 14, head + seen / 2, style.wrapped(photos.label, _NAME, 9.0, bold=True),
             size=9.0, ha="right", va="center", weight="bold",
         )  # fmt: skip
         for column in range(n):
@@ -162,11 +167,11 @@ def _strip(
 
 
 def _label(page: "_Page", row: Row, kind: str, y: float, tall: int) -> None:
-    middle = y + tall / 2
+    middle, label = y + tall / 2, style.wrapped(row.label, _NAME, 9.0, bold=True)
     page.text(
         _LABEL - 14,
         middle,
-        textwrap.fill(row.label, 17),
+        label,
         size=9.0,
         ha="right",
         va="center",

@@ -5,14 +5,20 @@ stays apart for colour-blind readers; a brute-force search wears a darker shade 
 of the method whose pool it searches. Nothing here reads a clock or writes a version.
 """
 
+import re
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 
 import matplotlib
+from anyascii import anyascii
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.text import Text
 
 from s3le.learn.methods import ENTRIES, label
 from s3le.show import svg
@@ -102,6 +108,8 @@ def save(figure: Figure, path: Path) -> None:
     Raises:
         OSError: the disk refuses; whatever stood at path still stands.
     """
+    for words in figure.findobj(Text):
+        words.set_text(printable(words.get_text()))
     drawn = BytesIO()
     if Path(path).suffix == ".svg":
         nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
@@ -116,6 +124,62 @@ def save(figure: Figure, path: Path) -> None:
 def colour(method: str, spare: int = 0) -> str:
     """The colour of a method; for one unknown here, the spare colour of that number."""
     return COLOURS.get(method, SPARE[spare % len(SPARE)])
+
+
+@cache
+def _drawn() -> frozenset[int]:
+    """Characters that the font of every figure has."""
+    return frozenset(get_font(findfont(_SHEET["font.family"])).get_charmap())
+
+
+def printable(text: str) -> str:
+    """Words as a figure can print them: letters that its font lacks in Latin ones.
+
+    The font comes with matplotlib and has Latin, Greek, Cyrillic and more, but no Chinese, Japanese
+    or Korean; what a machine's own fonts have would make its pictures differ from another's.
+    """
+    text = unicodedata.normalize("NFC", text)
+    whole = [c if ord(c) in _drawn() or c == "\n" else anyascii(c) or "?" for c in text]
+    return "".join(whole)
+
+
+def wide(text: str, size: float, bold: bool = False) -> float:
+    """How wide one line of so many points is printed [inch]."""
+    return sum(map(_advance(bold).__getitem__, printable(text))) * size / 72.0
+
+
+def wrapped(text: str, width: float, size: float, bold: bool = False) -> str:
+    """Words in lines of at most `width` [inch] at so many points, printable, and none lost.
+
+    Lines end after blanks, underscores, strokes and points where they can, else anywhere.
+    """
+    lines = [""]
+    for piece in re.findall(r"[^\s_/.-]*[\s_/.-]*", printable(text)):
+        if wide(lines[-1] + piece.rstrip(), size, bold) > width and lines[-1]:
+            lines.append("")
+        for letter in piece:
+            if letter == "\n" or (lines[-1] and wide(lines[-1] + letter, size, bold) > width):
+                lines.append("")
+            lines[-1] += letter.strip("\n")
+    return "\n".join(line.strip() for line in lines if line.strip())
+
+
+@cache
+def _advance(bold: bool) -> "_Advance":
+    return _Advance("bold" if bold else "normal")
+
+
+class _Advance(dict[str, float]):
+    """How far each letter of the font moves on, as a share of its size."""
+
+    def __init__(self, weight: str):
+        face = FontProperties(family=_SHEET["font.family"], weight=weight)
+        self._font = get_font(findfont(face))
+        self._font.set_size(1000.0, 72)
+
+    def __missing__(self, letter: str) -> float:
+        self[letter] = self._font.load_char(ord(letter)).linearHoriAdvance / 65536.0 / 1000.0
+        return self[letter]
 
 
 def note(figure: Figure, text: str) -> None:

@@ -48,6 +48,7 @@ class Found(NamedTuple):
     person: int | None = None
     axes: str | None = None  # known from the format
     told: tuple[str, ...] = ()  # what was assumed
+    by_name: layouts.Layout | None = None  # of these joints, where they were chosen by name
 
 
 def find(path: Path | str, tree: Any, how: How) -> Found:
@@ -114,7 +115,7 @@ def _of_keys(path: Path | str, tree: Mapping, keys: dict[str, Any], how: How) ->
                 if confidence is not None and confidence.shape == base.joints.shape[:2]:
                     base = base._replace(confidence=confidence)
     else:
-        base = _posed(path, tree, keys, how) or _named(path, tree)
+        base = _posed(path, tree, keys, how) or _named(path, tree, how)
         if base is None:
             base = _only(path, tree, how)
     return _with(path, base, tree, keys)
@@ -246,13 +247,13 @@ def _of_posed(posed: rotations.Posed) -> Found:
     )
 
 
-def _named(path: Path | str, tree: Mapping) -> Found | None:
+def _named(path: Path | str, tree: Mapping, how: How) -> Found | None:
     """Joints that each have a key of their own."""
     names = [key for key in tree if isinstance(key, str)]
-    named = layouts.by_names(names)
+    named = layouts.by_names(names, how.names)
     if named.missing:
         return None
-    used = sorted({j for own in named.layout.points for j in own} | set(named.layout.legs))
+    used = named.used()
     places = {}
     for j in used:
         table = numbers(path, tree[names[j]], f"joint {names[j]!r}")
@@ -267,7 +268,10 @@ def _named(path: Path | str, tree: Mapping) -> Found | None:
         raise refusal(path, None, f"its joints are 2D; {LIFT}")
     refuse_flat(path, array, "its joints")
     confidence = array[..., 3] if array.shape[2] > 3 else None
-    return Found(array[..., :3], tuple(places), confidence, Clock(), "named joints")
+    layout = named.among(used).layout
+    return Found(
+        array[..., :3], tuple(places), confidence, Clock(), "named joints", by_name=layout
+    )
 
 
 def _only(path: Path | str, tree: Mapping, how: How) -> Found:
@@ -286,7 +290,8 @@ def _only(path: Path | str, tree: Mapping, how: How) -> Found:
     raise refusal(
         path, None,
         f"holds {why} ({keys})" + (f"; of 2D keypoints: {LIFT}" if flat else "")
-        + f"; call them one of {', '.join(PLACES[:3])}, joints, keypoints3d",
+        + f"; call them one of {', '.join(PLACES[:3])}, joints, keypoints3d, or say which of named "
+        "joints is which: --names MAP",
     )  # fmt: skip
 
 

@@ -20,7 +20,8 @@ from s3le.human.keypoints.clocks import Clock
 from s3le.human.keypoints.found import Found
 from s3le.human.keypoints.gltf_keys import LINEAR, SPLINE, STEP, Keys
 from s3le.human.keypoints.how import How
-from s3le.human.keypoints.layouts import by_names
+from s3le.human.keypoints.layouts import by_names, pick
+from s3le.human.keypoints.upright import scale_of
 from s3le.human.keypoints.written import read_json
 from s3le.human.rotation import from_quaternion
 from s3le.human.text import MAX_BYTES, listed, read_bytes, refusal
@@ -40,7 +41,7 @@ def read_gltf(path: Path | str, how: How) -> Found:
 
     Args:
         path: .glb, .vrma, or .gltf with its buffers inside or in files beside it.
-        how: which animation, by name or number.
+        how: which animation, by name or number, and what the file calls our joints.
 
     Raises:
         ClipError: damage, no skeleton with known names, no animation, or several of which none
@@ -136,19 +137,24 @@ def _motion(path: Path, tree: Mapping, buffers: list[bytes], how: How) -> Found:
         for child in node.get("children", []):
             if parent.setdefault(_whole(child), number) != number or child >= len(nodes):
                 raise refusal(path, None, f"node {child} has two parents, or is not there")
-    names = [str(node.get("name", f"node {i}")) for i, node in enumerate(nodes)]
+    names, given = [str(node.get("name", f"node {i}")) for i, node in enumerate(nodes)], how.names
     groups = [skin["joints"] for skin in tree.get("skins", [])] or [list(range(len(nodes)))]
     if bones := _bones(tree, len(nodes)):
         names = [bones.get(i, name) for i, name in enumerate(names)]
         groups = [list(bones)]
     groups = [list(group) for group in {tuple(map(_whole, group)): None for group in groups}]
-    able = [g for g in groups if not by_names([names[i] for i in g]).missing]
+    if given:  # a group that lacks what is stated is not the one meant
+        stated = [g for g in groups if {names[i] for i in g} >= set(given.values())]
+        groups = stated or groups
+    able = [g for g in groups if not by_names([names[i] for i in g], given).missing]
     if len(able) != 1:
         why = "several skeletons" if able else "no skeleton whose joints have known names"
         there = listed(names[i] for group in groups[:3] for i in group)
-        raise refusal(path, None, f"holds {why}; its joints: {there}")
-    joints, named = able[0], by_names([names[i] for i in able[0]])
-    used = sorted({j for own in named.layout.points for j in own} | set(named.layout.legs))
+        raise refusal(
+            path, None, f"holds {why}; its joints: {there}; say which is which: --names MAP"
+        )
+    joints, named = able[0], by_names([names[i] for i in able[0]], given)
+    used = named.used()
     chains = {joints[j]: _chain(path, parent, joints[j]) for j in used}
     own = {node for chain in chains.values() for node in chain}
     number = _chosen(path, tree.get("animations", []), own, how)
@@ -165,9 +171,12 @@ def _motion(path: Path, tree: Mapping, buffers: list[bytes], how: How) -> Found:
     what = "the joints of its skeleton"
     if len(tree["animations"]) > 1:
         what += f" in animation {number}, {_name(tree['animations'][number], number)!r:.60}"
+    layout = named.among(used).layout
+    if (scale := scale_of(pick(at, layout.points))) != 1.0:
+        what += ", scaled to a person's size (only directions matter)"
     return Found(
-        at, tuple(names[joints[j]] for j in used), None, Clock(fps), what, axes="y-up",
-        told=(told,) if told else (),
+        at * scale, tuple(names[joints[j]] for j in used), None, Clock(fps), what, axes="y-up",
+        told=(told,) if told else (), by_name=layout,
     )  # fmt: skip
 
 

@@ -5,9 +5,11 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from s3le.errors import ParameterError
+from s3le.human import rigs
 from s3le.human.keypoints.layouts import LAYOUTS
 
-AXES = ("camera", "y-up", "z-up")
+AXES = ("camera", "y-up", "z-up", "y-up-left", "z-up-left")
+LEFT_HANDED = AXES[3:]  # Unity's and Unreal's
 STEEPEST = 89.0  # [deg] of a camera's tilt
 CONFIDENCE = 0.1  # a joint seen with less is not used; hidden arms have some, absent ones none
 _PREFIX = "clip_read_"  # of the keys of a motion file
@@ -18,11 +20,13 @@ class How(NamedTuple):
 
     Attributes:
         layout: one of layouts.LAYOUTS.
-        axes: one of AXES; camera is x right, y down, z away.
+        axes: one of AXES; camera is x right, y down, z away; y-up-left is x right, y up, z forward,
+            z-up-left x forward, y right, z up.
         pitch: how far the camera looks down [deg]; up is negative. For camera axes only.
         person: which of several, as numbered by the file.
         confidence: least confidence of the joints of a frame that is used, in [0, 1].
         animation: which of a scene's animations, by its name or its number from 0.
+        names: what the file calls our joints, by point, of rigs.POINTS and rigs.MORE.
     """
 
     layout: str | None = None
@@ -31,6 +35,7 @@ class How(NamedTuple):
     person: int | None = None
     confidence: float | None = None
     animation: str | None = None
+    names: Mapping[str, str] | None = None
 
     def check(self) -> "How":
         """Itself.
@@ -50,6 +55,8 @@ class How(NamedTuple):
             raise ParameterError(f"--pitch is a camera's; with --axes {self.axes} there is none")
         if self.confidence is not None and not 0.0 <= self.confidence <= 1.0:
             raise ParameterError(f"--confidence must be from 0 to 1, got {self.confidence!r}")
+        if self.names is not None:
+            rigs.check_given(self.names)
         return self
 
     def about(self) -> dict[str, Any]:
@@ -69,6 +76,8 @@ def recorded(about: Mapping[str, Any]) -> How:
                 value = int(value) if name == "person" and value is not None else value
             if name == "animation" and value is not None and not isinstance(value, str):
                 continue
+            if name == "names" and not isinstance(value, Mapping):
+                value = None
             how = how._replace(**{name: value}).check()
         except (TypeError, ValueError, ParameterError):
             how = how._replace(**{name: None})

@@ -4,8 +4,7 @@ Sources: the joint lists of SMPL and smplx, MediaPipe Pose, OpenPose BODY_25, Fr
 (docs/joint_order.md, the 49 of SPIN), Human3.6M with 17 joints, and COCO.
 """
 
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -79,87 +78,57 @@ def pick(joints: np.ndarray, points: Sequence[Joints]) -> np.ndarray:
 # --- by name
 
 
-_WORDS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+")
-_SIDES = {"left": "l", "right": "r", "l": "l", "r": "r"}
-_EMPTY = {"joint", "jnt", "op", "kp", "smpl", "body"}  # words that say nothing
-_UPPER = ("upperarm", "upper arm", "arm", "shldr")
-_FORE = ("forearm", "fore arm", "lowerarm", "lower arm")
-_PAIRED = {  # of each side; the first that is there
-    "pelvis": ("hip", "thigh", "upleg", "up leg", "upper leg"),
-    "shoulder": (*_UPPER, "shoulder", "sho"),
-    "elbow": ("elbow", "elb", "elblow", *_FORE),
-    "hand": ("wrist", "wri", "hand"),
-    "knee": ("knee",),
-    "ankle": ("ankle",),
-}
-_SINGLE = {
-    "hip": ("pelvis", "mid hip", "midhip", "middle hip", "hips", "root", "hip", "hip center"),
-    "neck": ("neck", "upperneck", "upper neck", "thorax", "mid shoulder", "midshoulder"),
-    "nose": ("nose",),
-}
-_PARTS = {name for names in _PAIRED.values() for name in names}
-
-
-def _plain(name: str) -> str:
-    """A joint's name as side and part in small letters: `LShoulder` is `l shoulder`."""
-    words = [w.lower() for w in _WORDS.findall(name.rpartition(":")[2])]
-    if len(words) == 1 and words[0][:1] in "lr" and words[0][1:] in _PARTS:
-        words = [words[0][0], words[0][1:]]  # lshoulder
-    for word in ("left", "right"):
-        if len(words) == 1 and words[0].startswith(word) and words[0][len(word) :] in _PARTS:
-            words = [word, words[0][len(word) :]]  # leftshoulder
-    words = [w for w in words if w not in _EMPTY]
-    sides = [_SIDES[w] for w in words if w in _SIDES]
-    part = " ".join(w for w in words if w not in _SIDES)
-    return f"{sides[0]} {part}" if len(sides) == 1 else part if not sides else ""
-
-
 class Named(NamedTuple):
     """What names make of a list of joints: its layout, and points that no name stands for."""
 
     layout: Layout
     missing: tuple[str, ...]
 
+    def used(self) -> list[int]:
+        """Indices of all joints that are looked at, rising."""
+        front = self.layout.front or ()
+        return sorted({j for own in (*self.layout.points, *front, self.layout.legs) for j in own})
 
-def by_names(names: Sequence[str]) -> Named:
-    """Where the points are among named joints.
+    def among(self, used: Sequence[int]) -> "Named":
+        """The same where only these joints are kept, in this order."""
+        at = {joint: place for place, joint in enumerate(used)}
+        points, front, legs = self.layout.points, self.layout.front, self.layout.legs
+        layout = Layout(
+            (len(used),),
+            tuple(tuple(at[j] for j in own) for own in points),
+            front and tuple(tuple(at[j] for j in own) for own in front),
+            tuple(at[j] for j in legs),
+        )
+        return self._replace(layout=layout)
 
-    Names as BVH files have them are read as there (s3le.human.rigs); both sides must be named
-    alike. Without a joint of its own
-    the hip is between the hip joints, and the neck between the shoulders.
+
+def by_names(names: Sequence[str], given: Mapping[str, str] | None = None) -> Named:
+    """Where the points are among named joints, by the one table of names (s3le.human.rigs).
+
+    Args:
+        names: joint names in the file's order.
+        given: names of joints by point, as rigs.match takes them.
+
+    Raises:
+        ParameterError: given names what is not there.
     """
-    index: dict[str, int] = {}
-    for place, name in enumerate(names):
-        index.setdefault(_plain(name), place)
-
-    def found(point: str) -> Joints:
-        side, _, part = point.rpartition("_")
-        if not side:
-            return next(((index[o],) for o in _SINGLE[part] if o in index), ())
-        options = _PAIRED[part]
-        if part == "shoulder" and any(f"{s} {o}" in index for s in "lr" for o in _FORE):
-            options = _UPPER  # beside a forearm, a shoulder is the clavicle
-        both = (o for o in options if all(f"{s} {o}" in index for s in "lr"))
-        return next(((index[f"{side} {o}"],) for o in both), ())
-
-    rig = rigs.match(list(names))
-    if rig.missing or rig.doubled:
-        at = {point: found(point) for point in POINTS}
-        at["hip"] = at["hip"] or at["r_pelvis"] + at["l_pelvis"]
-        at["neck"] = at["neck"] or at["r_shoulder"] + at["l_shoulder"]
-    else:
-        at = {point: (rig.joints[point],) for point in POINTS}
-    legs = [at["r_pelvis"], found("r_knee"), found("r_ankle")]
-    legs += [at["l_pelvis"], found("l_knee"), found("l_ankle")]
+    rig = rigs.match(names, given)
+    at, more = rig.joints, rig.more
+    behind, before = (), ()
+    if {"nose", "r_ear", "l_ear"} <= more.keys():
+        behind, before = (more["r_ear"], more["l_ear"]), (more["nose"], more["nose"])
+    if {f"{s}_{p}" for s in "rl" for p in ("ankle", "toe")} <= more.keys():
+        behind += (more["r_ankle"], more["l_ankle"])
+        before += (more["r_toe"], more["l_toe"])
+    legs = []
+    for side in "rl":
+        legs += [*at.get(f"{side}_pelvis", ()), *(
+            more[one] for p in ("knee", "ankle") if (one := f"{side}_{p}") in more
+        )]  # fmt: skip
     layout = Layout(
         (len(names),),
-        tuple(at[point] for point in POINTS),
-        None,
-        tuple(j for own in legs for j in own) if all(len(own) == 1 for own in legs) else (),
+        tuple(at.get(point, ()) for point in POINTS),
+        (behind, before) if behind else None,
+        tuple(legs) if len(legs) == 6 else (),
     )
-    halves = {"hip": ("r_pelvis", "l_pelvis"), "neck": ("r_shoulder", "l_shoulder")}
-    missing = tuple(
-        point for point in POINTS
-        if not at[point] and not (point in halves and any(not at[h] for h in halves[point]))
-    )  # fmt: skip
-    return Named(layout, missing)
+    return Named(layout, rig.missing)

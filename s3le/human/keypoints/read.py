@@ -19,7 +19,7 @@ from s3le.human.keypoints.how import CONFIDENCE, How
 from s3le.human.keypoints.layouts import LAYOUTS, Layout, by_names, for_size, pick
 from s3le.human.keypoints.trc import read_trc
 from s3le.human.keypoints.written import read_csv, read_json
-from s3le.human.text import MAX_BYTES, listed, looks_like, read_bytes, refusal
+from s3le.human.text import MAX_BYTES, listed, looks_like, no_file, read_bytes, refusal
 from s3le.store import npz
 
 SCENES = (".glb", ".gltf", ".vrma")
@@ -72,7 +72,9 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
     told = [*found.told, *told, *made.told, *words]
     clip = make_clip(path, rate, points, gaps=True)
     person = how.person if found.person is None else found.person
-    kept = How(name, made.axes, made.pitch, person, how.confidence, how.animation)
+    kept = How(
+        name, made.axes, made.pitch, person, how.confidence, how.animation, how.names
+    )
     return clip._replace(reading=Reading(found.what, kept, made.unit, tuple(told)))
 
 
@@ -85,9 +87,8 @@ def _read(path: Path, how: How) -> Found:
         return read_frames(path, how)
     name = path.name.lower()
     kind = Path(name.removesuffix(".gz")).suffix
-    if not path.is_file():
-        what = "is no file but a pipe or a device" if path.exists() else "no such file"
-        raise refusal(path, None, what)
+    if why := no_file(path):
+        raise refusal(path, None, why)
     if kind == ".csv":
         return find(path, read_csv(path), how)
     if kind == ".json":
@@ -139,15 +140,20 @@ def _layout(
             sizes = ", ".join(map(str, layout.sizes))
             raise refusal(path, None, f"{count} joints, {how.layout} has {sizes}")
         return how.layout, _believed(path, joints, layout, how.layout), []
+    if found.by_name is not None:
+        return None, _believed(path, joints, found.by_name, "its names"), ["joints by their names"]
     if found.names is not None:
-        named = by_names(found.names)
+        named = by_names(found.names, how.names)
         if named.missing:
             raise refusal(
-                path, None, f"no joint for {listed(named.missing)}; there: {listed(found.names)}"
-            )
+                path, None, f"no joint for {listed(named.missing)}; there: {listed(found.names)}; "
+                "say which is which: --names MAP",
+            )  # fmt: skip
         return None, _believed(path, joints, named.layout, "its names"), ["joints by their names"]
     if found.layout is not None and count in (*LAYOUTS[found.layout].sizes, 22):
         return found.layout, _believed(path, joints, LAYOUTS[found.layout], found.layout), []
+    if how.names:
+        raise ParameterError(f"{path}: --names: its joints have no names; say --layout")
     able = for_size(count)
     if not able:
         known = ", ".join(f"{n} {'/'.join(map(str, one.sizes))}" for n, one in LAYOUTS.items())

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import ClipError
-from s3le.human.keypoints.how import How
+from s3le.human.keypoints.handed import refuse_mirrored
+from s3le.human.keypoints.how import LEFT_HANDED, How
 from s3le.human.keypoints.layouts import Layout, pick
 from s3le.skeleton import POINTS
 
@@ -21,13 +22,16 @@ SCATTER = 8.0  # [deg] median deviation among them that still is one tilt
 LEVEL = 3.0  # [deg], a smaller tilt is none
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 TRUNK = (0.2, 1.2)  # [m] from hip to neck
+PERSON = 0.5  # [m] of the trunk of a skeleton in no unit
 
 _AT = {name: place for place, name in enumerate(POINTS)}
 _UP = {"camera": (0.0, -1.0, 0.0), "y-up": (0.0, 1.0, 0.0), "z-up": (0.0, 0.0, 1.0)}
-_FROM = {  # rows: our x, y, z in the file's axes
+FROM = {  # rows: our x, y, z in the file's axes
     "camera": np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
     "y-up": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
     "z-up": np.eye(3),
+    "y-up-left": np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    "z-up-left": np.diag([1.0, -1.0, 1.0]),
 }
 
 
@@ -49,7 +53,9 @@ def looks_human(points: np.ndarray) -> str:
     if not np.isfinite(points).all(axis=(1, 2)).any():
         return "no frame has all of its joints"
     length = {name: _length(points, *ends) for name, ends in _BONES.items()}
-    trunk = length["trunk"]
+    shoulders = points[:, [_AT["r_shoulder"], _AT["l_shoulder"]]].mean(axis=1)
+    # Some skeletons have the neck joint low in the chest.
+    trunk = max(length["trunk"], _median(shoulders - points[:, _AT["hip"]]))
     if not trunk > 0.0:
         return "the trunk has no length"
     for name, (low, high) in _SHARES.items():
@@ -62,11 +68,20 @@ def looks_human(points: np.ndarray) -> str:
     middle = points[:, [_AT["r_shoulder"], _AT["l_shoulder"]]].mean(axis=1)
     if not _median(middle - points[:, _AT["neck"]]) <= 0.5 * trunk:
         return "the neck is not between the shoulders"
+    if why := hip_is_off(points):
+        return why
     shoulders = points[:, _AT["l_shoulder"]] - points[:, _AT["r_shoulder"]]
     hips = points[:, _AT["l_pelvis"]] - points[:, _AT["r_pelvis"]]
     if not np.nanmedian((shoulders * hips).sum(axis=1)) > 0.0:
         return "left and right of shoulders and hips do not agree"
     return ""
+
+
+def hip_is_off(points: np.ndarray) -> str:
+    """Why the hip of ten points (n, 10, 3) is not between the thighs; empty where it is."""
+    middle = points[:, [_AT["r_pelvis"], _AT["l_pelvis"]]].mean(axis=1)
+    off, trunk = _median(middle - points[:, _AT["hip"]]), _median(middle - points[:, _AT["neck"]])
+    return "" if off <= 0.8 * trunk else f"the hip is {off / trunk:.2g} trunks from the thighs"
 
 
 _BONES = {
@@ -117,7 +132,7 @@ def stand(path: str, joints: np.ndarray, layout: Layout, points: np.ndarray, how
     if axes is None:
         axes = "camera" if how.pitch is not None else _axes(path, trunk)
         told.append(f"axes {axes}, by where trunks point" if how.pitch is None else "axes camera")
-    turn, pitch = _FROM[axes], None
+    turn, pitch = FROM[axes], None
     if axes == "camera":
         pitch = how.pitch
         if pitch is None:
@@ -125,7 +140,7 @@ def stand(path: str, joints: np.ndarray, layout: Layout, points: np.ndarray, how
             told.append(words)
         c, s = np.cos(np.radians(pitch)), np.sin(np.radians(pitch))
         turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]) @ turn
-    _check_front(path, joints[seen], layout, points[seen])
+    refuse_mirrored(path, joints[seen], layout, points[seen], axes in LEFT_HANDED)
     # A product per frame would round alike; one for all is a hundred times as fast.
     return Upright(points * UNITS[unit] @ turn.T, axes, pitch, unit, told)
 
@@ -138,6 +153,13 @@ def _unit(path: str, trunk: float) -> str:
         f"{path}: a trunk is {trunk:.3g} long, which is no person's in {', '.join(UNITS)} "
         f"({TRUNK[0]:g} to {TRUNK[1]:g} m); scale the joints to metres"
     )
+
+
+def scale_of(points: np.ndarray) -> float:
+    """What brings points (n, 10, 3) in no unit to a person's size; 1 in any of UNITS."""
+    trunk = _length(points, "hip", "neck")
+    known = any(TRUNK[0] <= trunk * metres <= TRUNK[1] for metres in UNITS.values())
+    return 1.0 if known or not 1e-6 <= trunk <= 1e9 else PERSON / trunk
 
 
 def _axes(path: str, trunk: np.ndarray) -> str:
@@ -182,20 +204,3 @@ def _tilt(joints: np.ndarray, layout: Layout) -> tuple[float, str]:
         f"the camera looks {'down' if pitch > 0 else 'up'} by {abs(pitch):.1f} degrees, by "
         f"{len(up)} frames on straight legs (else --pitch DEG)"
     )
-
-
-def _check_front(path: str, joints: np.ndarray, layout: Layout, points: np.ndarray) -> None:
-    """Refuse a mirrored body: faces and toes point forward."""
-    if layout.front is None:
-        return
-    behind, before = np.moveaxis(pick(joints, layout.front), 1, 0)
-    left = points[:, _AT["l_pelvis"]] - points[:, _AT["r_pelvis"]]
-    forward = np.cross(left, points[:, _AT["neck"]] - points[:, _AT["hip"]])
-    along = ((before - behind) * forward).sum(axis=1)
-    along = along[np.isfinite(along)]
-    if len(along) and (along < 0.0).mean() > 0.8:
-        raise ClipError(
-            f"{path}: in {(along < 0.0).mean():.0%} of the frames the face or the toes point "
-            "backwards: left and right are exchanged, or the axes are left-handed (negate one)"
-        )
-

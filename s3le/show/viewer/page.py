@@ -321,11 +321,12 @@ class Page:
             text = f"{clear:.1f} mm clear" if clear >= 0.0 else f"collides by {-clear:.1f} mm"
             lines.append(
                 f'<span style="color:{COLOURS[i % len(COLOURS)]}">●</span> '
-                f"<b>{escape(shown.label[:60])}</b>: {word}, {text}"
+                f"<b>{escape(shown.label)}</b>: {word}, {text}"
             )
             if self._closest.value:
                 lines.append(f"&emsp;closest: {escape(self._robots[i].pair)}")
             if self._robots[i].note:
                 lines.append(f"&emsp;{escape(self._robots[i].note[:200])}")
         body = "<br>".join(lines)
-        return f'<div style="padding:0 1em;font-size:0.85em;line-height:1.6">{body}</div>'
+        look = "padding:0 1em;font-size:0.85em;line-height:1.6;overflow-wrap:anywhere"
+        return f'<div style="{look}">{body}</div>'
