@@ -1,0 +1,287 @@
+"""The guard by itself: whatever a proof does not say yes to is no, at every place that asks one.
+
+On the robot of two planar arms, whose obstacles are its trunk and its other arm. With no budget
+for a second look, most long paths are undecided: as good a no as a collision.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from worlds import MARGIN, relaxed, write_arms
+
+from s3le import machine
+from s3le.kernels import around, batch, guard, segment
+from s3le.kernels.guard import AROUND, DETOUR, HELD, LIMITED, SHORTENED, TURN, WANTED, WARM
+from s3le.kernels.refine import Rule
+from s3le.kernels.segment import CERTIFIED, COLLIDES, UNDECIDED
+from s3le.kernels.swept import swept
+
+BETWEEN = 0.0005  # [m]
+RULE = Rule(
+    target=0.004, margin=MARGIN, between=BETWEEN, ridge=1e-3, pull=0.3, toll=0.003, steps=6,
+    budget=200,
+)  # fmt: skip
+SPENT, FEW = RULE._replace(budget=0), RULE._replace(budget=3)
+NOES = {200: {COLLIDES}, 3: {COLLIDES, UNDECIDED}, 0: {UNDECIDED}}  # that a budget can say
+DT, FAST = 0.1, 80.0  # [s], [rad/s]: 8 rad in a step, from anywhere to anywhere
+
+
+@cache
+def world(tmp):
+    made = machine.make(write_arms(tmp), MARGIN, "midpoint")
+    return made, made.chain, swept(made.chain), segment.scratch(made.chain)
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory):
+    return world(tmp_path_factory.mktemp("arms"))
+
+
+@pytest.fixture(scope="module")
+def poses(arms):
+    """Feasible poses, about half of them nearly as close to a collision as allowed."""
+    made = arms[0]
+    return batch.project(made.chain, made.robot.anchor, relaxed(made, 40, 4), MARGIN + 1e-5).q
+
+
+@pytest.fixture(scope="module")
+def ways(arms, poses):
+    """Pairs of feasible poses, near and far."""
+    made, rng, out = arms[0], np.random.default_rng(5), pairs(poses) + pairs(poses, 7)
+    for size in (0.2, 0.6, 1.5):
+        q = np.clip(poses + rng.uniform(-size, size, poses.shape), made.robot.lower,
+                    made.robot.upper)  # fmt: skip
+        q = batch.project(made.chain, made.robot.anchor, q, MARGIN + 1e-5).q
+        out += list(zip(poses, q, strict=True))
+    return out
+
+
+def says(arms, q0, q1, rule):
+    _, chain, bounds, scratch = arms
+    return segment.prove(chain, bounds, scratch, q0, q1, rule.between, rule.budget)
+
+
+def pairs(poses, shift=1):
+    return list(zip(poses, np.roll(poses, -shift, axis=0), strict=True))
+
+
+def advance(arms, q0, want, rule, dt=DT, brake=np.inf, v0=None):
+    made, chain, bounds, scratch = arms
+    q, out = np.full(4, np.nan), np.full(2, np.nan)
+    x = batch.skeletons(chain, want[None])[0]
+    v0 = np.zeros(4) if v0 is None else v0
+    how = guard.advance(
+        chain, bounds, scratch, x, want, q0, v0, dt, np.full(4, FAST), brake, rule, q, out
+    )
+    return how, q, out
+
+
+RULES = pytest.mark.parametrize("rule", [RULE, FEW, SPENT], ids=["a budget", "a few", "none"])
+
+
+@RULES
+def test_a_step_is_proven_whichever_way_it_came_about(arms, ways, rule):
+    made, seen, refused = arms[0], set(), set()
+    for k, (q0, want) in enumerate(ways):
+        dt = DT if k % 3 else 0.01
+        how, q, out = advance(arms, q0, want, rule, dt)
+        status, bound = says(arms, q0, q, rule)[:2]
+        assert status == CERTIFIED and out[0] == bound >= BETWEEN
+        assert (np.abs(q - q0) <= FAST * dt).all()
+        assert (made.robot.lower <= q).all() and (q <= made.robot.upper).all()
+        assert made.certifier().check(q[None]).clearance[0] >= MARGIN
+        assert how != WANTED or (q == want).all()
+        assert how != HELD or (q == q0).all()
+        seen.add(how)
+        refused.add(says(arms, q0, want, rule)[0])
+    assert {WANTED, LIMITED, DETOUR, SHORTENED} <= seen
+    assert refused == {CERTIFIED} | NOES[rule.budget]
+
+
+def test_a_wanted_pose_whose_path_is_only_undecided_is_not_gone_to(arms, ways):
+    """Free by the whole proof: the budget alone says no."""
+    held_back = 0
+    for q0, want in ways:
+        if says(arms, q0, want, SPENT)[0] == UNDECIDED:
+            how, q, _ = advance(arms, q0, want, SPENT)
+            assert how >= DETOUR and (q != want).any()
+            if says(arms, q0, want, RULE)[0] == CERTIFIED:
+                assert advance(arms, q0, want, RULE)[0] == WANTED
+                held_back += 1
+    assert held_back > 3
+
+
+def go_straight(arms, q0, goal, rule, dt=DT, brake=np.inf, v0=None):
+    _, chain, bounds, scratch = arms
+    q, out = np.full(4, np.nan), np.zeros(2)
+    went = guard.straight(
+        chain, bounds, scratch, q0, np.zeros(4) if v0 is None else v0, goal, dt, np.full(4, FAST),
+        brake, rule, q, out,
+    )  # fmt: skip
+    return went, q, out
+
+
+@RULES
+def test_straight_on_is_a_yes_exactly_where_the_path_is_proven(arms, ways, rule):
+    counts = dict.fromkeys((CERTIFIED, COLLIDES, UNDECIDED), 0)
+    for q0, goal in ways:
+        went, q, out = go_straight(arms, q0, goal, rule)
+        found = says(arms, q0, q, rule)
+        counts[found[0]] += 1
+        assert went == (found[0] == CERTIFIED)
+        assert np.allclose(q, goal)  # clear, and within reach
+        assert out[1] == found[6] and (not went or out[0] == found[1] >= BETWEEN)
+    assert {status for status, n in counts.items() if n > 5} == {CERTIFIED} | NOES[rule.budget]
+
+
+def test_straight_on_stays_on_the_line_and_within_what_the_joints_may_do(arms, ways):
+    moved = 0
+    for q0, goal in ways:
+        went, q, _ = go_straight(arms, q0, goal, RULE, dt=0.01)  # 0.8 rad at most
+        if went:
+            far = np.abs(goal - q0) > 1e-3
+            share = (q - q0)[far] / (goal - q0)[far]
+            assert np.ptp(share) < 1e-9 and 0.0 < share[0] <= 1.0
+            assert np.abs(q - q0).max() <= FAST * 0.01
+            moved += share[0] < 1.0
+    assert moved > 9
+
+
+def test_straight_on_is_no_where_the_pose_there_is_below_the_margin(arms):
+    made = arms[0]
+    low, high = made.robot.anchor, made.robot.anchor.copy()
+    high[made.robot.joint_names.index("r_shoulder")] = 1.0  # into the trunk
+    for _ in range(50):
+        middle = (low + high) / 2
+        clear = made.certifier().check(middle[None]).clearance[0] >= 0.001
+        low, high = (middle, high) if clear else (low, middle)
+    assert says(arms, made.robot.anchor, low, RULE)[0] == CERTIFIED
+    assert not go_straight(arms, made.robot.anchor, low, RULE)[0]
+
+
+# --- around what is in the way
+
+
+def remember(q, want, way=(), turn=0):
+    m = guard.memory(4)
+    m.q[:], m.want[:], m.last[:] = q, want, want
+    m.flag[:] = 1, len(way), turn
+    for row, pose in enumerate(reversed(way)):
+        m.way[row] = pose
+    return m
+
+
+def pursue(arms, m, rule, dt=DT, starts=None):
+    made, chain, bounds, scratch = arms
+    x = batch.skeletons(chain, m.want[None])[0]
+    starts = np.empty((0, 4)) if starts is None else starts
+    return guard.pursue(
+        chain, bounds, scratch, m, x, starts, made.robot.anchor, dt, np.full(4, FAST), np.inf,
+        rule, m.out[:2],
+    )  # fmt: skip
+
+
+def pick(arms, ways, spent, whole, more=lambda q0, q1: True):
+    """Two poses between which a proof without and with a budget says this."""
+    for q0, q1 in ways:
+        if (says(arms, q0, q1, SPENT)[0], says(arms, q0, q1, RULE)[0]) == (spent, whole):
+            if more(q0, q1):
+                return q0, q1
+    raise AssertionError("no such poses among the samples")
+
+
+def near(arms, q0):
+    """A pose to which the way from q0 is proven at the first look."""
+    for size in (0.3, 0.1, 0.03):
+        for sign in np.vstack([np.eye(4), -np.eye(4)]):
+            q = np.clip(q0 + size * sign, arms[0].robot.lower, arms[0].robot.upper)
+            clear = batch.clearances(arms[1], q[None])[0] > MARGIN + 1e-4
+            if clear and (q != q0).any() and says(arms, q0, q, SPENT)[0] == CERTIFIED:
+                return q
+    raise AssertionError("nowhere to go")
+
+
+def test_it_leaves_its_way_around_only_when_the_straight_path_is_proven(arms, ways):
+    q0, want = pick(arms, ways, UNDECIDED, CERTIFIED)
+    by = near(arms, q0)
+    m = remember(q0, want, [by])
+    assert pursue(arms, m, SPENT) == DETOUR
+    assert m.flag[AROUND] == 1 and np.allclose(m.next, by)
+    m = remember(q0, want, [by])
+    assert pursue(arms, m, RULE) == WANTED
+    assert m.flag[AROUND] == 0 and (m.next == want).all()
+
+
+def test_it_passes_the_first_pose_by_only_when_the_path_to_the_second_is_proven(arms, poses, ways):
+    def blocked(q0, _):
+        return any(says(arms, q0, want, RULE)[0] == COLLIDES for want in poses)
+
+    q0, second = pick(arms, ways, UNDECIDED, CERTIFIED, blocked)
+    want = next(w for w in poses if says(arms, q0, w, RULE)[0] == COLLIDES)
+    first = near(arms, q0)
+    m = remember(q0, want, [first, second])
+    assert pursue(arms, m, SPENT) == DETOUR
+    assert m.flag[AROUND] == 2 and np.allclose(m.next, first)
+    m = remember(q0, want, [first, second])
+    assert pursue(arms, m, RULE) == DETOUR
+    assert m.flag[AROUND] == 1 and np.allclose(m.next, second)
+
+
+def test_a_pose_that_is_reached_is_ticked_off(arms, poses, ways):
+    q0, second = pick(arms, ways, CERTIFIED, CERTIFIED)
+    want = next((w for w in poses if says(arms, q0, w, RULE)[0] == COLLIDES), None)
+    m = remember(q0, second if want is None else want, [q0, second])
+    pursue(arms, m, SPENT)
+    assert m.flag[AROUND] < 2
+
+
+@pytest.mark.parametrize("rule", [RULE, FEW], ids=["a budget", "a small one"])
+def test_every_leg_of_a_way_around_is_proven(arms, poses, ways, rule):
+    made, chain, bounds, scratch = arms
+    found, kinds = 0, set()
+    for k, (q, want) in enumerate(ways):
+        way = np.full((2, 4), np.nan)
+        some = poses[k % 30 : k % 30 + 2]
+        left = around.seek(
+            chain, bounds, scratch, q, want, some, made.robot.anchor, rule, k, way
+        )
+        if left:
+            assert left == 2
+            legs = [q, way[1], way[0], want]
+            for a, b in zip(legs, legs[1:], strict=False):
+                assert says(arms, a, b, rule)[0] == CERTIFIED
+            report = made.certifier().check(way)
+            assert (report.clearance >= MARGIN).all() and (report.limit_margin >= 0.0).all()
+            found += 1
+            kinds.add(bool((way[0] == way[1]).all()))
+    assert found > 20 and kinds == {True, False}
+
+
+@pytest.mark.parametrize("rule", [SPENT, FEW], ids=["no budget", "a small one"])
+def test_what_it_sets_out_on_is_proven_to_the_end(arms, poses, ways, rule):
+    set_out = 0
+    for k, (q, want) in enumerate(ways):
+        m = remember(q, want, turn=k)
+        how = pursue(arms, m, rule, starts=poses[k % 30 : k % 30 + 2].copy())
+        assert says(arms, q, m.next, rule)[0] == CERTIFIED
+        if left := m.flag[AROUND]:
+            assert how == DETOUR and m.flag[WARM] == 1
+            legs = [q, *(m.way[row] for row in reversed(range(left)))]
+            legs += [] if (legs[-1] == want).all() else [want]
+            for a, b in zip(legs, legs[1:], strict=False):
+                assert says(arms, a, b, rule)[0] == CERTIFIED
+            set_out += 1
+        elif how >= DETOUR:
+            assert m.out[0] == says(arms, q, m.next, rule)[1]
+            assert m.flag[TURN] in (k, k + around.TRIES)
+    assert set_out > 2
+
+
+def test_a_way_that_can_not_be_gone_is_given_up_for_a_proven_step(arms, poses, ways):
+    q0, want = next((a, b) for a, b in ways if says(arms, a, b, SPENT)[0] != CERTIFIED)
+    goal = next(b for b in poses if says(arms, q0, b, SPENT)[0] != CERTIFIED)
+    m = remember(q0, want, [goal])
+    pursue(arms, m, SPENT)
+    assert says(arms, q0, m.next, SPENT)[0] == CERTIFIED
+    assert m.flag[AROUND] == 0 or (m.way[m.flag[AROUND] - 1] != goal).any()
