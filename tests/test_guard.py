@@ -66,14 +66,15 @@ def pairs(poses, shift=1):
     return list(zip(poses, np.roll(poses, -shift, axis=0), strict=True))
 
 
-def advance(arms, q0, want, rule, dt=DT, brake=np.inf, v0=None):
+def advance(arms, q0, want, rule, dt=DT, alike=None):
+    """A step to the pose `want`, of a human whose skeleton is that of the pose `alike`."""
     made, chain, bounds, scratch = arms
     q, out = np.full(4, np.nan), np.full(2, np.nan)
-    x = batch.skeletons(chain, want[None])[0]
-    v0 = np.zeros(4) if v0 is None else v0
+    x = batch.skeletons(chain, (want if alike is None else alike)[None])[0]
     how = guard.advance(
-        chain, bounds, scratch, x, want, q0, v0, dt, np.full(4, FAST), brake, rule, q, out
-    )
+        chain, bounds, scratch, x, want, q0, np.zeros(4), dt, np.full(4, FAST), np.inf, rule, q,
+        out,
+    )  # fmt: skip
     return how, q, out
 
 
@@ -112,13 +113,27 @@ def test_a_wanted_pose_whose_path_is_only_undecided_is_not_gone_to(arms, ways):
     assert held_back > 3
 
 
-def go_straight(arms, q0, goal, rule, dt=DT, brake=np.inf, v0=None):
+def test_the_first_part_of_a_refused_step_is_proven_anew(arms):
+    """What is proven up to there need not be proven by as many looks at other places."""
+    made, chain = arms[:2]
+    tight = RULE._replace(budget=5)
+    q0, want = batch.project(
+        chain, made.robot.anchor, relaxed(made, 4000, 9)[3939:3941], MARGIN + 1e-5
+    ).q
+    status, _, until = says(arms, q0, want, tight)[:3]
+    first = q0 + min(0.999 * until, 0.95) * (want - q0)
+    assert status == UNDECIDED and batch.clearances(chain, first[None])[0] > MARGIN + 1e-5
+    assert says(arms, q0, first, tight)[0] == UNDECIDED  # of all such steps one in ten thousand
+    how, q, out = advance(arms, q0, want, tight, alike=first)  # no other pose is as near
+    assert says(arms, q0, q, tight)[:2] == (CERTIFIED, out[0]) and how >= DETOUR
+
+
+def go_straight(arms, q0, goal, rule, dt=DT):
     _, chain, bounds, scratch = arms
     q, out = np.full(4, np.nan), np.zeros(2)
     went = guard.straight(
-        chain, bounds, scratch, q0, np.zeros(4) if v0 is None else v0, goal, dt, np.full(4, FAST),
-        brake, rule, q, out,
-    )  # fmt: skip
+        chain, bounds, scratch, q0, np.zeros(4), goal, dt, np.full(4, FAST), np.inf, rule, q, out
+    )
     return went, q, out
 
 
