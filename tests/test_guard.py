@@ -23,6 +23,7 @@ RULE = Rule(
     budget=200,
 )  # fmt: skip
 SPENT, FEW = RULE._replace(budget=0), RULE._replace(budget=3)
+HASTY = RULE._replace(steps=1, target=MARGIN)  # one linear step, which may end too close
 NOES = {200: {COLLIDES}, 3: {COLLIDES, UNDECIDED}, 0: {UNDECIDED}}  # that a budget can say
 DT, FAST = 0.1, 80.0  # [s], [rad/s]: 8 rad in a step, from anywhere to anywhere
 
@@ -81,7 +82,9 @@ def advance(arms, q0, want, rule, dt=DT, alike=None):
 RULES = pytest.mark.parametrize("rule", [RULE, FEW, SPENT], ids=["a budget", "a few", "none"])
 
 
-@RULES
+@pytest.mark.parametrize(
+    "rule", [RULE, FEW, SPENT, HASTY], ids=["a budget", "a few", "none", "in haste"]
+)
 def test_a_step_is_proven_whichever_way_it_came_about(arms, ways, rule):
     made, seen, refused = arms[0], set(), set()
     for k, (q0, want) in enumerate(ways):
@@ -113,19 +116,35 @@ def test_a_wanted_pose_whose_path_is_only_undecided_is_not_gone_to(arms, ways):
     assert held_back > 3
 
 
+def rare(arms, row):
+    """A step of ten thousand, of which one in a thousand is of its kind."""
+    made = arms[0]
+    some = relaxed(made, 4000, 9)[row : row + 2]
+    return batch.project(made.chain, made.robot.anchor, some, MARGIN + 1e-5).q
+
+
 def test_the_first_part_of_a_refused_step_is_proven_anew(arms):
     """What is proven up to there need not be proven by as many looks at other places."""
-    made, chain = arms[:2]
     tight = RULE._replace(budget=5)
-    q0, want = batch.project(
-        chain, made.robot.anchor, relaxed(made, 4000, 9)[3939:3941], MARGIN + 1e-5
-    ).q
+    q0, want = rare(arms, 3939)
     status, _, until = says(arms, q0, want, tight)[:3]
     first = q0 + min(0.999 * until, 0.95) * (want - q0)
-    assert status == UNDECIDED and batch.clearances(chain, first[None])[0] > MARGIN + 1e-5
-    assert says(arms, q0, first, tight)[0] == UNDECIDED  # of all such steps one in ten thousand
+    assert status == UNDECIDED and batch.clearances(arms[1], first[None])[0] > MARGIN + 1e-5
+    assert says(arms, q0, first, tight)[0] == UNDECIDED
     how, q, out = advance(arms, q0, want, tight, alike=first)  # no other pose is as near
     assert says(arms, q0, q, tight)[:2] == (CERTIFIED, out[0]) and how >= DETOUR
+
+
+@pytest.mark.parametrize("row", [514, 701, 3274])
+def test_the_first_part_of_a_refused_step_ends_at_the_margin_of_poses(arms, row):
+    """What is proven keeps the margin of paths alone; where that ends no pose may stay."""
+    q0, want = rare(arms, row)
+    status, _, until = says(arms, q0, want, RULE)[:3]
+    first = q0 + min(0.999 * until, 0.95) * (want - q0)
+    assert status == COLLIDES and BETWEEN < batch.clearances(arms[1], first[None])[0] < MARGIN
+    assert says(arms, q0, first, RULE)[0] == CERTIFIED
+    how, q, _ = advance(arms, q0, want, RULE, alike=first)
+    assert how >= DETOUR and arms[0].certifier().check(q[None]).clearance[0] >= MARGIN
 
 
 def go_straight(arms, q0, goal, rule, dt=DT):

@@ -12,6 +12,8 @@ Lengths are in a unit of 2^-20 m, as for coal (engines.py).
 """
 
 import ctypes
+import warnings
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +25,11 @@ from s3le.machine import Machine
 from s3le.robot.model import reduced
 
 _LIBRARIES = ("libboost_*.so.*", "libqpOASES.so*", "libhpp-*.so*")
+
+
+def installed() -> bool:
+    """Whether HPP is here at all; that it cannot be loaded although it is, load says."""
+    return find_spec("pyhpp") is not None
 
 
 class Proof(NamedTuple):
@@ -41,8 +48,8 @@ def load():
     Raises:
         ImportError: HPP is not installed, or not as these versions are.
     """
-    import pyhpp  # noqa: F401  (absent: said at once, before any library is loaded)
-
+    if not installed():
+        raise ImportError("HPP is not installed: make hpp")
     folder = Path(pin.__file__).parents[3]
     left = sorted({path for name in _LIBRARIES for path in folder.glob(name)})
     while left:
@@ -57,13 +64,43 @@ def load():
             break
         left = missing
     try:
-        from pyhpp import core
-        from pyhpp import pinocchio as device
-        from pyhpp.pinocchio import urdf
+        with warnings.catch_warnings():  # its parts make the same converters known twice
+            warnings.filterwarnings("ignore", "to-Python converter", RuntimeWarning)
+            from pyhpp import core
+            from pyhpp import pinocchio as device
+            from pyhpp.pinocchio import urdf
     except ImportError as error:
         more = f"; {last}" if left else ""
         raise ImportError(f"HPP cannot be loaded: {error}{more}") from None
     return core, device, urdf
+
+
+class Heard:
+    """What it said of many paths, beside what coal saw in samples of the same ones."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.steps = self.refused = self.unexplained = self.missed = 0
+
+    def add(self, said: Proof, seen: float, there: float, between: float) -> bool:
+        """Count a path; True where it is refused.
+
+        Args:
+            said: of the path.
+            seen: least clearance that coal saw on it [m].
+            there: clearance by coal at the pose that the refusal names [m]; NaN: none is named.
+            between: clearance that the path must keep [m].
+        """
+        self.steps += 1
+        self.refused += not said.free
+        # A refusal is explained by a pose that coal finds too close as well.
+        self.unexplained += not said.free and not there < between
+        self.missed += said.free and not seen >= between - KERNELS_AGREE
+        return not said.free
+
+    def record(self) -> dict[str, int]:
+        """As JSON holds it."""
+        return dict(vars(self))
 
 
 class Continuous:
