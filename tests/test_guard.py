@@ -43,7 +43,7 @@ def arms(tmp_path_factory):
 def poses(arms):
     """Feasible poses, about half of them nearly as close to a collision as allowed."""
     made = arms[0]
-    return batch.project(made.chain, made.robot.anchor, relaxed(made, 40, 4), MARGIN + 1e-5).q
+    return batch.project(made.chain, made.robot.anchor, relaxed(made, 20, 4), MARGIN + 1e-5).q
 
 
 @pytest.fixture(scope="module")
@@ -276,7 +276,7 @@ def test_every_leg_of_a_way_around_is_proven(arms, poses, ways, rule):
     found, kinds = 0, set()
     for k, (q, want) in enumerate(ways):
         way = np.full((2, 4), np.nan)
-        some = poses[k % 30 : k % 30 + 2]
+        some = poses[k % 18 : k % 18 + 2]
         left = around.seek(
             chain, bounds, scratch, q, want, some, made.robot.anchor, rule, k, way
         )
@@ -297,7 +297,7 @@ def test_what_it_sets_out_on_is_proven_to_the_end(arms, poses, ways, rule):
     set_out = 0
     for k, (q, want) in enumerate(ways):
         m = remember(q, want, turn=k)
-        how = pursue(arms, m, rule, starts=poses[k % 30 : k % 30 + 2].copy())
+        how = pursue(arms, m, rule, starts=poses[k % 18 : k % 18 + 2].copy())
         assert says(arms, q, m.next, rule)[0] == CERTIFIED
         if left := m.flag[AROUND]:
             assert how == DETOUR and m.flag[WARM] == 1
