@@ -300,8 +300,9 @@ def judge(rooms: dict[str, Room], number: int, seed: int, again: bool) -> None:
 def sample(file: str, whole: str, number: int, seed: int) -> list[tuple[str, Mutant]]:
     """The mutants of a file to try, with their keys; always the same ones for a seed."""
     every = mutants(whole)
-    if number and number < len(every):
-        every = sorted(random.Random(f"{seed} {file}").sample(every, number))
+    if number:  # the first of one order, so that a larger sample holds a smaller one
+        random.Random(f"{seed} {file}").shuffle(every)
+        every = sorted(every[:number])
     version = hashlib.sha256(whole.encode()).hexdigest()[:12]
     return [(f"{file} {version} {hashlib.sha256(one.text.encode()).hexdigest()[:16]}", one)
             for one in every]  # fmt: skip
