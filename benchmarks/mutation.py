@@ -125,7 +125,14 @@ def mutants(source: str) -> list[Mutant]:
 
 def _changes(tree: ast.Module) -> Iterator[tuple[ast.AST, Any, str]]:
     """Triples (node, what makes the change and returns what takes it back, in words)."""
+    told = set()  # what is only said of types
     for node in ast.walk(tree):
+        for name in ("annotation", "returns"):
+            if (hint := getattr(node, name, None)) is not None:
+                told.update(map(id, ast.walk(hint)))
+    for node in ast.walk(tree):
+        if id(node) in told:
+            continue
         if isinstance(node, (ast.BinOp, ast.AugAssign)) and type(node.op) in ARITHMETIC:
             yield node, _put(node, "op", ARITHMETIC[type(node.op)]()), _said(node)
         elif isinstance(node, ast.BoolOp):

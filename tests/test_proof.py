@@ -5,7 +5,15 @@ What kernels/segment.py leaves out to be fast must change no digit of what it sa
 
 import numpy as np
 import pytest
-from worlds import MARGIN, all_clearances, exact_distance, placed, relaxed, write_arms
+from worlds import (
+    MARGIN,
+    all_clearances,
+    coman,
+    exact_distance,
+    placed,
+    relaxed,
+    write_arms,
+)
 
 from s3le import machine
 from s3le.kernels import batch, segment
@@ -161,6 +169,27 @@ def test_the_proof_says_what_the_printed_bounds_say_part_by_part(arms, paths, bu
     assert CERTIFIED in seen and seen & {UNDECIDED, COLLIDES}
 
 
+@pytest.mark.parametrize("way", [1, -1], ids=["to meet", "to part"])
+def test_hands_that_meet_are_found_however_far_apart_they_are_at_the_other_end(arms, way):
+    """So far that, seen from that end alone, they need not be looked at."""
+    apart, meeting = np.pi + np.array([[-0.3, 0.3], [0.45, -0.45]])  # over the head
+    joints = [arms.robot.joint_names.index(f"{side}_shoulder") for side in "lr"]
+    ends = np.zeros((2, JOINTS))
+    ends[0, joints], ends[1, joints] = apart, meeting
+    gaps = [all_clearances(arms, placed(arms, q)[3]) for q in ends]
+    pair = gaps[1].argmin()
+    assert gaps[0].min() > 0.0 and (np.delete(gaps[1], pair) > 0.0).all() and gaps[1][pair] < 0.0
+    chain, bounds = arms.chain, swept(arms.chain)
+    v, _ = bounds_of(arms, *ends)
+    a, b = chain.pair[pair]
+    centres = placed(arms, ends[0])[3][[a, b], 2]
+    assert np.linalg.norm(centres[0] - centres[1]) > (
+        BETWEEN + bounds.balls[[a, b]].sum() + (v[a, 0] + v[b, 0]) / 2
+    )
+    found = Prover(arms, BETWEEN).step(*ends[::way])
+    assert found.status == COLLIDES and found.pair == pair and found.clearance < 0.0
+
+
 def test_bounds_on_travel_are_the_printed_sums(arms, paths):
     chain = arms.chain
     shape = len(chain.body_frame), JOINTS + 1
@@ -187,6 +216,24 @@ def test_radii_about_parallel_axes_are_lengths_of_the_arm(arms):
         sides = {names[body][:2] for body in (a, b)}  # two bodies of an arm share its shoulder
         joint = f"{sides.pop()}shoulder" if len(sides) == 1 else None
         assert carrier == (1 + arms.robot.joint_names.index(joint) if joint else 0)
+
+
+def test_radii_about_axes_that_turn_each_other_hold_at_all_angles_and_are_as_small_as_they_were():
+    made = coman()
+    chain, radius = made.chain, swept(made.chain).radius
+    n, seen = made.robot.n_dof, np.zeros_like(radius)
+    for q in np.random.default_rng(6).uniform(-np.pi, np.pi, (150, n)):
+        R, p, z, ends = placed(made, q)
+        for body, frame in enumerate(chain.body_frame):
+            for j in np.flatnonzero(chain.moves[frame]):
+                away = ends[body, :2] - p[j + 1]
+                far = np.linalg.norm(away - np.outer(away @ z[j], z[j]), axis=1).max()
+                seen[body, j] = max(seen[body, j], far)
+    assert (seen <= radius + ALGEBRA).all() and (radius[seen == 0.0] == 0.0).all()
+    # Angles at random come near the bounds; a larger bound would hold too, and prove less.
+    share = seen[radius > 0.0] / radius[radius > 0.0]
+    assert share.min() > 0.7 and (share > 0.97).mean() > 0.4
+    assert radius.sum() == pytest.approx(37.8893283824105, abs=1e-9)  # [m]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1000.5, -1000.5])
