@@ -71,6 +71,15 @@ def test_a_joint_that_is_too_fast_is_found_and_the_limit_can_be_set(arms):
     assert not audit(arms, time, q, demands(arms, velocity={"r_elbow": 5.99})).holds
 
 
+@pytest.mark.parametrize("share, broken", [(0.9e-6, 0), (1.1e-6, 1), (-1e-6, 0)])
+def test_a_speed_may_exceed_its_limit_by_what_times_in_a_file_are_rounded_by(arms, share, broken):
+    q = np.repeat(arms.robot.anchor[None], 2, 0)
+    q[1, R_ELBOW] += 0.25
+    time = np.array([0.0, 0.25 / 4.0 / (1.0 + share)])  # at 4 rad/s and a little
+    report = audit(arms, time, q, demands(arms))
+    assert by_name(report)["velocities"].broken == broken and report.holds == (not broken)
+
+
 def test_an_arm_that_jumps_through_the_trunk_between_two_clear_poses_is_found(arms):
     q = np.repeat(arms.robot.anchor[None], 3, 0)
     q[1:, R_SHOULDER] = 3.0
