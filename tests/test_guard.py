@@ -67,6 +67,70 @@ def pairs(poses, shift=1):
     return list(zip(poses, np.roll(poses, -shift, axis=0), strict=True))
 
 
+# --- what the joints may do in a step
+
+
+@pytest.mark.parametrize("dt", [1 / 30, 0.001, 0.2])
+@pytest.mark.parametrize("brake", [5.0, 60.0])
+@pytest.mark.parametrize("far", [0.0, 1e-6, 0.01, 0.3, 2.0])
+def test_so_fast_that_the_way_left_is_just_enough_to_stop(far, brake, dt):
+    v = guard.slowly(far, dt, brake)
+    assert v * dt + v * v / (2.0 * brake) == pytest.approx(far, abs=1e-12)
+    assert guard.slowly(-far, dt, brake) == pytest.approx(0.0, abs=1e-12)
+
+
+def box(arms, q0, v0, want, brake, dt):
+    low, high = np.empty(4), np.empty(4)
+    guard.reachable(arms[1], q0, v0, want, dt, np.full(4, 4.0), brake, low, high)
+    return low, high
+
+
+def test_without_a_brake_the_box_is_speed_times_time_within_the_limits(arms):
+    robot, q0 = arms[0].robot, arms[0].robot.anchor.copy()
+    q0[0], q0[3] = robot.upper[0] - 0.1, robot.lower[3]
+    low, high = box(arms, q0, np.full(4, 3.9), -q0, np.inf, 0.1)
+    assert np.allclose(low, np.maximum(q0 - 0.4, robot.lower), rtol=0, atol=1e-8)
+    assert np.allclose(high, np.minimum(q0 + 0.4, robot.upper), rtol=0, atol=1e-8)
+    assert (high - q0 <= 0.4).all() and (q0 - low <= 0.4).all()
+    assert high[0] == robot.upper[0] and low[3] == robot.lower[3]
+
+
+@pytest.mark.parametrize("dt", [1 / 30, 0.01])
+@pytest.mark.parametrize("brake", [10.0, 60.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_that_goes_as_fast_as_it_may_stops_where_it_is_wanted(arms, dt, brake, sign):
+    robot = arms[0].robot
+    for want in (1.1, 0.05, 1e-4, 9.0):  # the last beyond the limit, where it stops
+        q, v, aim = np.zeros(4), np.zeros(4), np.full(4, sign * want)
+        stop = np.clip(aim, robot.lower, robot.upper)
+        fastest, took = 0.0, 0
+        while np.abs(stop - q).max() > 1e-6 and took < 2000:
+            low, high = box(arms, q, v, aim, brake, dt)
+            then = high if sign > 0 else low
+            now = (then - q) / dt
+            assert np.abs(now - v).max() <= brake * dt * (1 + 1e-6) + 1e-9
+            assert (sign * (stop - then) >= -1e-9).all()  # never beyond
+            assert np.abs(now).max() <= 4.0
+            fastest, took, q, v = max(fastest, np.abs(now).max()), took + 1, then, now
+        assert took < 2000
+        if want > 1.0:  # it gets going, and a brake is no more than half of the way
+            assert fastest > 0.7 * min(4.0, np.sqrt(brake * np.abs(stop).min()))
+        low, high = box(arms, q, v, aim, brake, dt)
+        assert (low <= q + 1e-5).all() and (high >= q - 1e-5).all()
+
+
+def test_a_joint_that_is_too_fast_to_stop_slows_down_as_much_as_it_may(arms):
+    for v0 in (3.0, -3.0):
+        want = np.full(4, 1e-9 * v0)
+        low, high = box(arms, np.zeros(4), np.full(4, v0), want, 10.0, 0.1)
+        assert np.allclose(low, high) and np.allclose(low, (v0 - np.sign(v0)) * 0.1)
+    low, high = box(arms, np.zeros(4), np.full(4, 9.0), np.zeros(4), 10.0, 0.1)
+    assert np.allclose(low, high) and np.allclose(low, 0.4)  # never faster than it may
+
+
+# --- steps
+
+
 def advance(arms, q0, want, rule, dt=DT, alike=None):
     """A step to the pose `want`, of a human whose skeleton is that of the pose `alike`."""
     made, chain, bounds, scratch = arms
