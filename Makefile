@@ -4,6 +4,7 @@
 # `make paper` runs the pipeline by what is printed in the paper.
 # `make study` repeats the trainings behind reports/study, `make search` searches settings for each
 # method on a validation set, `make judge` makes the independent judgement behind reports/judge.
+# `make hpp` fetches a third judge for it, which proves paths.
 # All set up .venv by themselves; PIP_ARGS is passed to every pip call.
 PYTHON ?= python3
 PIP_ARGS ?=
@@ -11,7 +12,7 @@ VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro report test paper study search judge video videos setup lint lock
+.PHONY: repro report test test-all paper study search judge hpp video videos setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
@@ -19,9 +20,10 @@ repro: setup
 report: setup
 	@$(RUN) dvc repro report
 
-# The estimator and a video are wished for: without them the tests that want them are skipped.
+# The estimator, a video and HPP are wished for: without them the tests that want them are skipped.
 test: setup
 	-@$(MAKE) --no-print-directory video
+	-@$(MAKE) --no-print-directory hpp
 	-@$(RUN) python benchmarks/videos.py sports2d
 	@$(RUN) ruff check .
 	@$(RUN) OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile --no-loadscope-reorder
@@ -41,7 +43,15 @@ search: setup
 
 # Resumable; a million steps take hours. ARGS="--help" says what can be chosen.
 judge: setup
+	-@$(MAKE) --no-print-directory hpp
 	@$(RUN) OMP_NUM_THREADS=1 python benchmarks/judge/run.py $(ARGS)
+
+# HPP proves paths by other code; where there is no wheel of it, coal and MuJoCo judge alone.
+hpp: $(VENV)/hpp
+
+$(VENV)/hpp: requirements-judge.lock $(READY)
+	@$(RUN) $(VENV)/bin/python -m pip install -q $(PIP_ARGS) --no-deps -r requirements-judge.lock
+	@touch $@
 
 # MediaPipe 0.10.21 has wheels for Python 3.9 to 3.12 and wants an older numpy than s3le: it gets
 # an environment of its own. VIDEO_PYTHON=/path/to/python3.12 names the interpreter.

@@ -8,9 +8,10 @@ from worlds import MARGIN, coman, inside_limits, relaxed, write_arms
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
+from s3le.robot.certificate import Certifier
 from s3le.robot.robot import Robot
 from s3le.safety import paths
-from s3le.safety.audit import audit, certificate, demands, not_covered, tree
+from s3le.safety.audit import audit, certificate, demands, not_covered, say, tree
 from s3le.safety.paths import CERTIFIED, UNDECIDED
 
 RATE = 30.0
@@ -71,6 +72,15 @@ def test_a_joint_that_is_too_fast_is_found_and_the_limit_can_be_set(arms):
     assert not audit(arms, time, q, demands(arms, velocity={"r_elbow": 5.99})).holds
 
 
+@pytest.mark.parametrize("share, broken", [(0.9e-6, 0), (1.1e-6, 1), (-1e-6, 0)])
+def test_a_speed_may_exceed_its_limit_by_what_times_in_a_file_are_rounded_by(arms, share, broken):
+    q = np.repeat(arms.anchor[None], 2, 0)
+    q[1, R_ELBOW] += 0.25
+    time = np.array([0.0, 0.25 / 4.0 / (1.0 + share)])  # at 4 rad/s and a little
+    report = audit(arms, time, q, demands(arms))
+    assert by_name(report)["velocities"].broken == broken and report.holds == (not broken)
+
+
 def test_an_arm_that_jumps_through_the_trunk_between_two_clear_poses_is_found(arms):
     q = np.repeat(arms.anchor[None], 3, 0)
     q[1:, R_SHOULDER] = 3.0
@@ -101,6 +111,89 @@ def test_what_is_not_decided_is_not_a_yes():
     assert check.undecided == check.broken == 1 and not report.holds
     assert "not decided" in report.complaint
     assert tree(report)["checks"]["paths"]["first"]["value"] is None
+
+
+def seen_as(monkeypatch, **changed):
+    """Let the independent check find something else at row 2 of a motion."""
+    whole = Certifier.check
+
+    def check(self, q, progress=None):
+        report = whole(self, q, progress)
+        for name, value in changed.items() if len(q) > 2 else ():
+            getattr(report, name)[2] = value
+        return report
+
+    monkeypatch.setattr(Certifier, "check", check)
+
+
+def test_a_pose_whose_clearance_is_not_known_is_not_clear(arms, monkeypatch):
+    time, q = swaying(arms, 5)
+    seen_as(monkeypatch, clearance=np.nan, pair=-1)
+    report = audit(arms, time, q, demands(arms))
+    check = by_name(report)["poses"]
+    assert check.broken == 1 and check.first.row == 2 and np.isnan(check.first.value)
+    assert [one.broken for one in report.checks] == [0, 0, 1, 0] and not report.holds
+    assert np.isnan(report.least) and report.complaint == "0.0667 s (row 2): no pose"
+    said = certificate(arms, demands(arms), report)
+    assert not said["holds"]
+    assert tree(report)["checks"]["poses"]["first"]["value"] is None
+    assert tree(report)["least_clearance_m"] is None
+
+
+@pytest.mark.parametrize("clearance, broken, deep", [
+    (MARGIN, 0, 0), (MARGIN - 1e-12, 1, 0), (0.0, 1, 0), (-1e-9, 1, 1), (-0.004, 1, 1),
+    (np.nan, 1, 0),
+])  # fmt: skip
+def test_a_pose_below_its_margin_by_any_amount_is_broken(
+    arms, monkeypatch, clearance, broken, deep
+):
+    time, q = swaying(arms, 5)
+    seen_as(monkeypatch, clearance=clearance)
+    report = audit(arms, time, q, demands(arms))
+    assert by_name(report)["poses"].broken == broken and report.deep == deep
+    assert report.holds == (not broken)
+
+
+def test_a_path_is_between_clear_poses_only_where_both_are_known_to_be_clear(arms, monkeypatch):
+    q = np.repeat(arms.anchor[None], 4, 0)
+    q[2:, R_SHOULDER] = 3.0  # through the trunk, from row 1 to row 2
+    time = np.arange(4.0)
+    assert audit(arms, time, q, demands(arms)).between == 1
+    seen_as(monkeypatch, clearance=np.nan)
+    assert audit(arms, time, q, demands(arms)).between == 0
+
+
+@pytest.mark.parametrize("joint", [R_SHOULDER, R_ELBOW])
+def test_each_check_refuses_a_row_that_is_not_finite_by_itself(arms, joint):
+    time, q = swaying(arms, 5)
+    q[2, joint] = np.nan
+    with np.errstate(invalid="ignore"):
+        report = audit(arms, time, q, demands(arms))
+    found = {check.name: (check.broken, check.first.row) for check in report.checks}
+    assert found == {"limits": (1, 2), "velocities": (2, 1), "poses": (1, 2), "paths": (2, 1)}
+    assert by_name(report)["paths"].undecided == 2
+    name = arms.joint_names[joint]
+    assert report.complaint == f"0.0333 s (row 1): {name} is not a number"
+    limits = say("limits", by_name(report)["limits"].first)
+    assert limits == f"0.0667 s (row 2): {name} is not a number"
+
+
+def test_a_bound_is_told_only_where_every_path_is_proven(arms, monkeypatch):
+    time, q = swaying(arms, 5)
+    whole = paths.certify
+
+    def spent(*given):
+        found = whole(*given)
+        found.status[1] = UNDECIDED
+        return found
+
+    assert audit(arms, time, q, demands(arms)).bound > 0.0
+    monkeypatch.setattr("s3le.safety.audit.certify", spent)
+    report = audit(arms, time, q, demands(arms))
+    assert np.isnan(report.bound) and not report.holds
+    check = by_name(report)["paths"]
+    assert check.undecided == check.broken == 1 and check.first.row == 1
+    assert np.isnan(check.first.value) and report.between == 0
 
 
 def test_deep_poses_are_measured_as_coal_does():

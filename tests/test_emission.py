@@ -10,7 +10,8 @@ from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.motion.rates import as_given, at_rate
 from s3le.robot.robot import Robot
-from s3le.safety.paths import CERTIFIED, certify
+from s3le.safety import paths
+from s3le.safety.paths import CERTIFIED, UNDECIDED, certify
 
 BETWEEN = 0.0005
 
@@ -112,3 +113,21 @@ def test_a_motion_as_it_is(arms):
     time, q = walk(arms, 2, 4)
     made = as_given(time, q)
     assert (made.q == q).all() and made.corner.tolist() == made.next.tolist() == [0, 1, 2, 3]
+
+
+def test_a_corner_whose_cut_is_not_decided_is_kept_as_one_that_collides_is(arms, monkeypatch):
+    time, q = walk(arms, 3)
+    free = at_rate(arms, time, q, 45.0, BETWEEN)
+    assert free.cut > 0
+    whole = paths.certify
+
+    def spent(*given):
+        found = whole(*given)
+        found.status[:] = UNDECIDED
+        return found
+
+    monkeypatch.setattr(paths, "certify", spent)
+    made = at_rate(arms, time, q, 45.0, BETWEEN)
+    assert made.cut == 0 and made.kept == free.cut + free.kept
+    # Every given pose but the end, which no row of this rate falls on, is one of the rows.
+    assert set(range(len(q))) - set(made.corner.tolist()) <= {len(q) - 1}

@@ -51,6 +51,33 @@ def test_a_pose_that_was_not_measured_counts_as_unsafe():
     assert found["limit_rate"] == 0.5
 
 
+@pytest.mark.parametrize(
+    "clearance, collides, close",
+    [
+        (-0.005, 1, 1), (-0.004, 1, 1), (-1e-9, 1, 1), (-5e-324, 1, 1), (0.0, 0, 1), (1e-9, 0, 1),
+        (0.002 - 1e-12, 0, 1), (0.002, 0, 0), (np.inf, 0, 0), (np.nan, 1, 1), (-np.inf, 1, 1),
+    ],
+)  # fmt: skip
+def test_bodies_that_overlap_at_all_collide_and_those_below_the_margin_are_close(
+    clearance, collides, close
+):
+    report = Report(np.array([clearance]), np.zeros(1, int), np.array([0.1]))
+    scored = Scored(np.zeros(1), np.zeros(1))
+    found = summary(["a"], scored, report, 0.002, no_paths(), ["lookup"])
+    for figures in (found["all"], found["motions"]["a"]):
+        assert (figures["collision_rate"], figures["below_margin_rate"]) == (collides, close)
+
+
+@pytest.mark.parametrize(
+    "room, outside", [(0.0, 0), (1e-12, 0), (-5e-324, 1), (-0.01, 1), (np.nan, 1)]
+)
+def test_a_joint_beyond_its_limit_by_any_amount_is_outside(room, outside):
+    report = Report(np.array([0.01]), np.zeros(1, int), np.array([room]))
+    scored = Scored(np.zeros(1), np.zeros(1))
+    found = summary(["a"], scored, report, 0.002, no_paths(), ["lookup"])
+    assert found["all"]["limit_rate"] == found["motions"]["a"]["limit_rate"] == outside
+
+
 def test_modes_of_a_stream_are_shares_of_frames():
     report = Report(np.full(4, 0.01), np.zeros(4, int), np.full(4, 0.1))
     modes = ["start", "limited", "detour", "shortened"]
@@ -136,6 +163,35 @@ def test_a_collision_that_coal_does_not_see_is_undecided(arms, monkeypatch):
     _, figures = moved(arms)
     assert figures["all"]["segments_colliding"] == 0
     assert figures["all"]["segments_undecided"] == 1
+
+
+@pytest.mark.parametrize("depth", [1e-9, 0.004, 0.006], ids="{:g} m deep".format)
+def test_a_path_collides_by_coal_however_little_its_bodies_overlap(arms, monkeypatch, depth):
+    check = Certifier.check
+
+    def grazing(self, q, progress=None):
+        report = check(self, q, progress)
+        return report if len(q) == len(MOTION) else report._replace(
+            clearance=np.full(len(q), -depth)
+        )
+
+    monkeypatch.setattr(Certifier, "check", grazing)
+    found, figures = moved(arms)
+    assert found.collides.tolist() == [True, False, True, False]
+    assert figures["all"]["segments_colliding"] == 1 and not found.undecided.any()
+
+
+@pytest.mark.parametrize("unknown", ["clearance", "limit_margin"])
+def test_a_segment_with_a_frame_that_was_not_measured_is_none_between_feasible_ones(arms, unknown):
+    q = np.tile(arms.robot.anchor, (3, 1))
+    report = arms.certifier().check(q)
+    getattr(report, unknown)[1] = np.nan
+    frames = {"clip": np.array(["a"] * 3), "frame": np.arange(3), "time": np.arange(3) / 30.0}
+    found = between(arms, frames, q, report)
+    assert found.feasible.tolist() == [False, False]
+    getattr(report, unknown)[1] = 0.0  # the margin of a pose is more, that of a joint is not
+    found = between(arms, frames, q, report)
+    assert found.feasible.tolist() == [unknown == "limit_margin"] * 2
 
 
 def test_one_frame_alone_has_no_segments_and_no_shares(arms):

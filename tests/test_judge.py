@@ -15,10 +15,11 @@ from worlds import MARGIN, coman, inside_limits
 
 from s3le.errors import ParameterError
 from s3le.robot.certificate import placements
+from s3le.safety.paths import CERTIFIED, certify
 
 ROOT = Path(__file__).parents[1]
-NAMES = ("engines", "judging", "streams", "shards", "hunt", "run")
-STEPS, STEPS_BY_MUJOCO, STEPS_UNGUARDED = 5000, 500, 250
+NAMES = ("engines", "continuous", "judging", "streams", "shards", "hunt", "run")
+STEPS, STEPS_BY_MUJOCO, STEPS_BY_HPP, STEPS_UNGUARDED = 5000, 500, 1000, 250
 SAME = 1e-9  # [m], two engines on the same capsules
 
 
@@ -45,6 +46,12 @@ def mujoco(rooms):
     pytest.importorskip("mujoco")
     promise = rooms.judging.promise_of(retargeter())
     return rooms.judging.Judge(coman(), promise, rooms.engines.Mujoco(coman()))
+
+
+@pytest.fixture(scope="module")
+def hpp(rooms):
+    pytest.importorskip("pyhpp")
+    return rooms.continuous.Continuous(coman(), retargeter().settings.between)
 
 
 def scripts(rooms):
@@ -93,6 +100,65 @@ def test_mujoco_sees_no_broken_promise_either(mujoco, coal, steps):
     for row, one in list(zip(rows, seen, strict=True))[::10]:
         other = coal.step(*row)
         assert one.poses == other.poses and abs(one.clearance - other.clearance) < SAME
+
+
+def refusals(hpp, rows):
+    """Of each path: is it refused, and how close is it by coal where it is?"""
+    checker, out = coman().certifier(), []
+    for q0, q1 in rows:
+        said = hpp.path(q0, q1)
+        pose = q0 if said.free else (1.0 - said.t) * q0 + said.t * q1
+        out.append((not said.free, checker.check(pose[None]).clearance[0]))
+    return out
+
+
+def test_hpp_proves_every_step_too(hpp, steps):
+    found = refusals(hpp, [row[:2] for row in steps[:: STEPS // STEPS_BY_HPP]])
+    assert len(found) == STEPS_BY_HPP and not any(refused for refused, _ in found)
+
+
+def test_with_the_guard_off_hpp_refuses_what_the_proof_refuses_and_coal_says_why(hpp, steps):
+    rows = [row[3:5] for row in steps[:: STEPS // STEPS_UNGUARDED]]
+    between, found = retargeter().settings.between, refusals(hpp, rows)
+    for (q0, q1), (refused, clearance) in zip(rows, found, strict=True):
+        assert refused == (certify(coman(), np.stack([q0, q1]), between).status[0] != CERTIFIED)
+        assert not refused or clearance < between
+    assert sum(refused for refused, _ in found) > len(rows) / 50
+
+
+def test_hpp_is_given_the_robot_whose_paths_it_is_to_prove(hpp):
+    """Bisected: where it finds two bodies too close, coal finds them at the margin of paths."""
+    anchor, down, between = coman().robot.anchor, np.zeros(11), retargeter().settings.between
+    checker = coman().certifier()
+    for end in (down, *inside_limits(coman(), 12, 3)):
+        clear, close = anchor, end
+        if hpp.path(close, close).free:
+            continue
+        for _ in range(50):
+            middle = (clear + close) / 2
+            clear, close = (middle, close) if hpp.path(middle, middle).free else (clear, middle)
+        assert checker.check(clear[None]).clearance[0] == pytest.approx(between, abs=2e-7)
+    assert hpp.path(down, anchor) == (False, 0.0) and hpp.path(anchor, anchor).free
+
+
+def test_a_refusal_by_hpp_is_a_violation_and_says_whether_coal_explains_it(rooms, court):
+    refused = rooms.continuous.Proof(False, 0.5)
+
+    class Strict:
+        def path(self, q0, q1):
+            return refused
+
+    it = court()
+    it.hpp = Strict()
+    made = it.shard(3, 0)
+    count = 30 / rooms.shards.HPP_EVERY
+    assert made["hpp"] == {"steps": count, "refused": count, "unexplained": count, "missed": 0}
+    assert made["violations"] == count and made["first"][0]["broken"] == ["refused"]
+    free = rooms.continuous.Heard()
+    assert not free.add(rooms.continuous.Proof(True, np.nan), 0.0001, np.nan, 0.0005)
+    assert not free.add(rooms.continuous.Proof(True, np.nan), 0.0006, np.nan, 0.0005)
+    assert free.add(refused, 0.0001, 0.0001, 0.0005) and free.add(refused, 0.005, np.nan, 0.0005)
+    assert free.record() == {"steps": 4, "refused": 2, "unexplained": 1, "missed": 1}
 
 
 def test_with_the_guard_off_both_see_the_same_input_break_the_promises(mujoco, coal, steps):
@@ -230,7 +296,8 @@ def court(rooms, monkeypatch):
         made.clips, made.digest = [(30.0, stored()[1][:200])], "clips"
         promise = rooms.judging.promise_of(made.plain)
         made.coal = rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman()))
-        made.mujoco, made.versions = None, {"coal": "3"}
+        made.mujoco, made.hpp, made.versions = None, None, {"coal": "3"}
+        made.between, made.certifier = promise.between, coman().certifier()
         return made
 
     return make

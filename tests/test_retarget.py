@@ -7,16 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import OneByOne
-from streaming import BETWEEN, DT, SPEED, held_to_its_word, motion, retargeter, stored
+from streaming import BETWEEN, DEFAULT, DT, SPEED, held_to_its_word, motion, retargeter, stored
 from worlds import MARGIN, coman
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.retarget.calm import calm, middle
 from s3le.retarget.follow import follow
+from s3le.retarget.propose import LookUp
 from s3le.retarget.refine import refine
-from s3le.retarget.stream import Mode
-from s3le.safety.paths import COLLIDES, certify
+from s3le.retarget.stream import Mode, Retargeter
+from s3le.robot.certificate import Certifier
+from s3le.safety.paths import CERTIFIED, COLLIDES, certify
+from s3le.search import neighbours
 from s3le.skeleton import cosine_distance
 
 # --- safe, whatever comes in
@@ -99,14 +102,69 @@ def test_without_the_guard_the_same_motion_breaks_every_promise():
     assert (np.abs(np.diff(q, axis=0)) > SPEED * DT).any()
 
 
-def test_a_pose_that_only_the_independent_check_refuses_is_not_taken(monkeypatch):
+def test_with_no_budget_for_a_proof_it_only_does_what_the_whole_proof_allows():
+    """An undecided path is none: without a second look many are, and none of them is gone."""
+    q, x = stored()
+    it = Retargeter(coman(), LookUp(q, neighbours.build(x, exact=True), 4, None), DEFAULT)
+    it.rule = it.rule._replace(budget=0)
+    steps, modes = 0, set()
+    for seed in (1, 3, 7):
+        found = it.batch(motion(240, seed=seed), np.arange(240) * DT)
+        proven = certify(coman(), found.q, BETWEEN, budget=0)
+        assert (proven.status == CERTIFIED).all()
+        assert (certify(coman(), found.q, BETWEEN).status == CERTIFIED).all()
+        assert (found.bound[1:] >= BETWEEN).all()
+        steps, modes = steps + len(proven.status), modes | set(map(Mode, found.mode))
+    assert steps == 717 and {Mode.DETOUR, Mode.SHORTENED} & modes
+
+
+@pytest.mark.parametrize(
+    "clearance, room, taken",
+    [
+        (0.0, 0.1, False), (MARGIN - 1e-12, 0.1, False), (MARGIN, 0.0, True), (MARGIN, 0.1, True),
+        (np.nan, 0.1, False), (0.1, np.nan, False), (0.1, -1e-12, False), (np.nan, np.nan, False),
+    ],
+)  # fmt: skip
+def test_a_pose_that_only_the_independent_check_refuses_is_not_taken(
+    monkeypatch, clearance, room, taken
+):
     stream = retargeter().start()
     first = stream.step(motion()[0], DT)
-    one = stream._certifier.one
-    monkeypatch.setattr(stream._certifier, "one", lambda q: (0.0, one(q)[1]))
+    monkeypatch.setattr(stream._certifier, "one", lambda q: (clearance, room))
     second = stream.step(motion()[40], DT)
-    assert second.mode is Mode.HELD and (second.q == first.q).all()
-    assert second.clearance == first.clearance
+    if taken:
+        assert second.mode is not Mode.HELD and (second.q != first.q).any()
+        assert second.clearance == clearance
+    else:
+        assert second.mode is Mode.HELD and (second.q == first.q).all()
+        assert second.clearance == first.clearance == second.bound
+
+
+@pytest.mark.parametrize(
+    "clearance, room", [(0.0, 0.1), (np.nan, 0.1), (0.1, np.nan), (0.1, -1e-12)]
+)
+def test_a_first_pose_that_the_independent_check_refuses_is_none(monkeypatch, clearance, room):
+    stream = retargeter().start()
+    monkeypatch.setattr(stream._certifier, "one", lambda q: (clearance, room))
+    with pytest.raises(CertificateError):
+        stream.step(motion()[0], DT)
+    assert stream.q is None
+
+
+@pytest.mark.parametrize("name, value", [("clearance", np.nan), ("clearance", 0.0019),
+                                         ("limit_margin", np.nan), ("limit_margin", -1e-9)])
+def test_a_batch_with_a_pose_that_the_independent_check_refuses_is_none(monkeypatch, name, value):
+    check = Certifier.check
+
+    def seen(self, q, progress=None):
+        report = check(self, q, progress)
+        if len(q) > 1:
+            getattr(report, name)[3] = value
+        return report
+
+    monkeypatch.setattr(Certifier, "check", seen)
+    with pytest.raises(CertificateError, match="1 of 10 poses are not feasible"):
+        retargeter().batch(motion()[:10], np.arange(10) * DT)
 
 
 # --- near the human

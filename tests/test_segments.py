@@ -1,12 +1,12 @@
 """Paths between poses: what is proven holds, what collides does, and the rest is not certified."""
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from proofs import prove
 from worlds import (
     ARMS_URDF,
     ARMS_YAML,
@@ -67,23 +67,6 @@ def steps(speed: float, n: int = 400, seed: int = 1):
     q1 = batch.project(made.chain, made.anchor, q1, MARGIN).q
     near = np.abs(q1 - q0).max(axis=1) <= 1.001 * most
     return q0[near], q1[near]
-
-
-class Proof(NamedTuple):
-    """What is known of one path; see paths.Segments."""
-
-    status: int
-    bound: float
-    until: float
-    t: float
-    pair: int
-    clearance: float
-    used: int
-
-
-def prove(made, q0, q1, margin=BETWEEN, budget=paths.BUDGET):
-    found = certify(made, np.stack([q0, q1]), margin, budget)
-    return Proof(*(column[0].item() for column in found))
 
 
 def prove_all(made, pairs, margin=BETWEEN, budget=paths.BUDGET):

@@ -21,7 +21,8 @@ try:
 except ModuleNotFoundError:  # only those who judge with it need it
     mujoco = None
 
-_UNIT = 2.0**20  # per metre: coal takes axes 1e-5 rad apart for parallel unless lengths are large
+UNIT = 2.0**20  # per metre: coal takes axes 1e-5 rad apart for parallel unless lengths are large
+KERNELS_AGREE = 1e-7  # [m], to which engine and kernels agree on any two (tests/test_distance.py)
 
 
 class Engine(Protocol):
@@ -47,7 +48,7 @@ class Coal:
         """Build the model from the URDF."""
         self._model, self._geometry = robot.reduced()
         for at in self._model.jointPlacements:
-            at.translation = at.translation * _UNIT
+            at.translation = at.translation * UNIT
         for item in self._geometry.geometryObjects:
             _to_capsule(item)
         number = {item.name: i for i, item in enumerate(self._geometry.geometryObjects)}
@@ -63,7 +64,7 @@ class Coal:
     def pairs(self, q: np.ndarray) -> np.ndarray:
         """See Engine."""
         pin.computeDistances(self._model, self._data, self._geometry, self._whole, q)
-        return np.array([found.min_distance for found in self._every]) / _UNIT
+        return np.array([found.min_distance for found in self._every]) / UNIT
 
     def nearest(self, q: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See Engine."""
@@ -75,7 +76,7 @@ class Coal:
                 self._model, self._data, self._geometry, self._scratch, pose
             )
             least[i] = results[int(pair[i])].min_distance
-        return least / _UNIT, pair
+        return least / UNIT, pair
 
     def _watch(self, rows: np.ndarray) -> None:
         on = np.zeros(len(self._on), bool)
@@ -152,7 +153,18 @@ def spec_of(robot: Robot) -> "mujoco.MjSpec":
 
 
 def _to_capsule(item: pin.GeometryObject) -> None:
-    """Make a geometry a capsule that contains it, in the larger unit."""
+    """Make a geometry the capsule that contains it, in the larger unit."""
+    at, shape = capsule_of(item)
+    item.placement = pin.SE3(at.rotation, np.array(at.translation) * UNIT)
+    item.geometry = coal.Capsule(shape.radius * UNIT, 2.0 * shape.halfLength * UNIT)
+
+
+def capsule_of(item: pin.GeometryObject) -> tuple[pin.SE3, coal.Capsule]:
+    """The capsule that contains a geometry, and where it is [m].
+
+    Raises:
+        TypeError: it is neither a capsule nor a box.
+    """
     at, shape = item.placement, item.geometry
     turn = np.array(at.rotation)
     if isinstance(shape, coal.Box):
@@ -161,5 +173,4 @@ def _to_capsule(item: pin.GeometryObject) -> None:
         shape = coal.Capsule(radius, 2.0 * half)
     elif not isinstance(shape, coal.Capsule):
         raise TypeError(f"{item.name} is a {type(shape).__name__}; judged are capsules and boxes")
-    item.placement = pin.SE3(turn, np.array(at.translation) * _UNIT)
-    item.geometry = coal.Capsule(shape.radius * _UNIT, 2.0 * shape.halfLength * _UNIT)
+    return pin.SE3(turn, np.array(at.translation)), shape

@@ -14,14 +14,13 @@ judges; so it would see a proof that is wrong.
 from typing import NamedTuple
 
 import numpy as np
-from engines import Engine
+from engines import KERNELS_AGREE, Engine
 
 from s3le.robot.robot import Robot
 from s3le.safety.judge import reaches
 
 STEP = 0.001  # [m], most that a point of a body moves between two samples
 FAR = 0.005  # [m], pairs that stay farther apart than this are not sampled
-KERNELS_AGREE = 1e-7  # [m], to which engine and kernels agree on any two (tests/test_distance.py)
 PART = 64  # samples for which it is settled at once which pairs are near
 SHORTEST, LONGEST = 1e-6, 1.0  # [s], as promised: below, nothing moves; above, no more than in this
 KINDS = ("collision", "between", "margin", "limits", "speed", "held")

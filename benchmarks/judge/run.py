@@ -35,7 +35,8 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 WORK, REPORTS = Path("data/judge"), Path("reports/judge")
 FOLDER, FRAMES = Path("data/retargeter"), Path("data/skeletons.parquet")
-JUDGED_BY = ("engines.py", "judging.py", "shards.py", "streams.py")  # what decides a shard
+# What decides a shard.
+JUDGED_BY = ("continuous.py", "engines.py", "judging.py", "shards.py", "streams.py")
 EXAMPLES = """
 
 Examples:
@@ -162,6 +163,10 @@ def total(parts: list[dict[str, Any]]) -> dict[str, Any]:
             heard = [part[name] for part in mine if part.get(name)]
             if heard:
                 row[name] = _sum(heard)
+        for name in ("hpp", "hpp_unguarded"):
+            said = [part[name] for part in mine if part.get(name)]
+            if said:
+                row[name] = {count: sum(one[count] for one in said) for count in said[0]}
         row["near_share"] = round(sum(part["near"] for part in mine) / count, 4)
         row["fastest_of_limit"] = max(part["fastest"] for part in mine)
         row["modes"] = {mode: round(n / count, 5) for mode, n in modes.most_common()}

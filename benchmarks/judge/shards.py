@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import streams
+from continuous import Continuous, Heard, installed
 from engines import Coal, Mujoco, mujoco
 from judging import FAR, Judge, Verdict, promise_of
 
@@ -21,6 +22,7 @@ from s3le.store import tables
 
 STEPS = 1000  # of a shard
 MUJOCO_EVERY = 10  # one step in so many is judged by MuJoCo too
+HPP_EVERY = 5  # and one in so many proven by HPP
 UNGUARDED_EVERY = 20  # and one in so many as it would be with the guard off
 KEPT = 3  # violations of a shard that are written out
 CLIPS = (".bvh", ".amc", ".amc.gz")
@@ -53,8 +55,22 @@ class Court:
         robot, promise = self.plain.robot, promise_of(self.plain)
         self.coal = Judge(robot, promise, Coal(robot))
         self.mujoco = Judge(robot, promise, Mujoco(robot)) if mujoco else None
-        names = ["coal", "pin", *(["mujoco"] if mujoco else [])]
+        self.between = promise.between
+        self.hpp = Continuous(robot, self.between) if installed() else None
+        self.certifier = robot.certifier()
+        names = ["coal", "pin"] + ["mujoco"] * bool(mujoco) + ["hpp-core"] * bool(self.hpp)
         self.versions = {name: version(name) for name in names}
+
+    def proven(self, heard: Heard, q0: np.ndarray, q1: np.ndarray, seen: Verdict) -> bool:
+        """Let HPP look at a path that coal has judged; True where it refuses it."""
+        if not np.isfinite([q0, q1]).all():
+            return False  # that is for coal's judge to say
+        said = self.hpp.path(q0, q1)
+        there = np.nan
+        if not said.free:
+            pose = (1.0 - said.t) * q0 + said.t * q1
+            there = float(self.certifier.check(pose[None]).clearance[0])
+        return heard.add(said, seen.clearance, there, self.between)
 
     def shard(self, seed: int, number: int) -> dict[str, Any]:
         """Judge a shard."""
@@ -62,6 +78,7 @@ class Court:
         it = self.close if number // len(streams.KINDS) % 2 else self.plain
         rng = np.random.default_rng(np.random.SeedSequence([seed, number]))
         tally = {name: Tally() for name in ("coal", "mujoco", "unguarded")}
+        heard = {name: Heard() for name in ("hpp", "hpp_unguarded")}
         modes: Counter = Counter()
         count = refused = near = 0
         fastest, first = 0.0, []
@@ -85,8 +102,14 @@ class Court:
                 broken = seen.broken
                 if self.mujoco and count % MUJOCO_EVERY == 0:
                     broken += tally["mujoco"].add(self.mujoco.step(*path)).broken
+                if self.hpp and count % HPP_EVERY == 0:
+                    if self.proven(heard["hpp"], *path[:2], seen):
+                        broken += ("refused",)
                 if count % UNGUARDED_EVERY == 0:
-                    tally["unguarded"].add(self.coal.step(made.free0[i], made.free1[i], path[2]))
+                    free = made.free0[i], made.free1[i]
+                    off = tally["unguarded"].add(self.coal.step(*free, path[2]))
+                    if self.hpp:
+                        self.proven(heard["hpp_unguarded"], *free, off)
                 if broken:
                     first.append(written(self.plain, made, i, broken, seen))
                 count += 1
@@ -100,7 +123,7 @@ class Court:
             "fastest": fastest,
             "violations": len(first),
             "first": first[:KEPT],
-        } | {name: one.record() for name, one in tally.items() if one.steps}
+        } | {name: one.record() for name, one in (tally | heard).items() if one.steps}
 
 
 class Tally:

@@ -231,6 +231,8 @@ def tree(report: Report) -> dict[str, Any]:
 def say(check: str, one: Finding) -> str:
     """What a check of this name found, as a sentence."""
     when = f"{one.time:.4f} s (row {one.row}): "
+    if check in ("limits", "velocities") and np.isnan(one.value):
+        return when + f"{one.what} is not a number"
     if check == "limits" and one.value < 0:
         return when + f"{one.what} is {-one.value:.5f} rad outside its range"
     if check == "limits":
@@ -238,7 +240,9 @@ def say(check: str, one: Finding) -> str:
     if check == "velocities":
         return when + f"{one.what} turns at {one.value:.3f} rad/s of {one.wanted:g}"
     if not one.what:
-        return when + "not decided within the budget (--budget)" if check == "paths" else "no pose"
+        return when + (
+            "not decided within the budget (--budget)" if check == "paths" else "no pose"
+        )
     if one.value < 0:
         return when + f"{one.what} overlap by {-one.value * 1e3:.3f} mm"
     return when + f"{one.what} are {one.value * 1e3:.3f} mm apart"

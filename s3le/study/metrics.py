@@ -64,8 +64,9 @@ def merge(
             "frames": int(at.sum()),
             "truth": {
                 "to_human": float(truth["to_human"][at].mean()),
-                "collision_rate": float((truth["clearance"][at] < 0).mean()),
-                "limit_rate": float((truth["limit_margin"][at] < 0).mean()),
+                # NaN is no clearance.
+                "collision_rate": float((~(truth["clearance"][at] >= 0.0)).mean()),
+                "limit_rate": float((~(truth["limit_margin"][at] >= 0.0)).mean()),
             },
             "methods": methods,
         }
