@@ -94,7 +94,9 @@ def _bvh_owes(it: Reading) -> None:
     text = files["a.bvh"].removeprefix(b"\xef\xbb\xbf")
     while text.rstrip().endswith(b"\x1a"):
         text = text.rstrip()[:-1]
-    head, _, tail = re.split(rb"(^\s*MOTION\s*$)", text, maxsplit=1, flags=re.M | re.I)
+    lines = text.splitlines(keepends=True)
+    at = next(i for i, line in enumerate(lines) if line.strip().upper() == b"MOTION")
+    head, tail = b"".join(lines[:at]), b"".join(lines[at + 1 :])
     assert head.count(b"{") == head.count(b"}")
     words = head.split()
     channels = [i + 1 for i, word in enumerate(words) if word.upper() == b"CHANNELS"]

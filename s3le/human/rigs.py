@@ -65,6 +65,7 @@ _SIDES = {"left": "l", "right": "r", "l": "l", "r": "r"}
 _RUN_IN = {"left": "l", "right": "r", "l": "l", "r": "r", "左": "l", "右": "r"}  # lshoulder
 _MIDDLE = {"c", "m", "center"}  # in place of a side, as J_Bip_C_Hips
 _EMPTY = {"joint", "jnt", "bone", "kp", "keypoint"}  # words that say nothing
+_LONGEST, _MOST = 200, 4  # letters of a name that is looked at, and words of a part in it
 _HALVES = {"hip": "pelvis", "neck": "shoulder"}
 # Runs of capitals, words with or without one, and letters that have no capitals.
 _WORDS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_a-zA-Z]+")
@@ -156,7 +157,7 @@ def _stated(names: Sequence[str], point: str, name: str) -> int:
 
 def _index(names: Sequence[str]) -> _Index:
     """What each name says; of names that differ in a number the lowest counts, then the first."""
-    order = sorted(range(len(names)), key=lambda i: [int(n) for n in _numbers(names[i])])
+    order = sorted(range(len(names)), key=lambda i: _numbers(names[i]))
     index: _Index = {}
     for i in order:
         if read := _read(names[i]):
@@ -164,12 +165,14 @@ def _index(names: Sequence[str]) -> _Index:
     return index
 
 
-def _numbers(name: str) -> list[str]:
-    return re.findall(r"[0-9]{1,9}", _SPACE.sub("", name))
+def _numbers(name: str) -> list[int]:
+    return [int(n) for n in re.findall(r"[0-9]{1,9}", _SPACE.sub("", name[:_LONGEST]))]
 
 
 def _read(name: str) -> tuple[str, str] | None:
     """Prefix and part of a joint's name, `l arm` or `neck`; None: no part known here."""
+    if len(name) > _LONGEST:
+        return None
     found = _WORDS.findall(_SPACE.sub("", unicodedata.normalize("NFKC", name)))
     words = [word.lower() for word in found]
     words = [w for w, before in zip(words, ["", *words], strict=False)
@@ -180,12 +183,12 @@ def _read(name: str) -> tuple[str, str] | None:
     if sides:
         side = sides.pop()
         words = [word for word in words if word not in _SIDES]
-        for first in range(len(words)):
+        for first in range(max(len(words) - _MOST, 0), len(words)):
             if (part := "".join(words[first:])) in _SIDED:
                 return " ".join(words[:first]), f"{side} {part}"
         return None
     for kept in (words, [word for word in words if word not in _MIDDLE]):
-        for first in range(len(kept)):
+        for first in range(max(len(kept) - _MOST, 0), len(kept)):
             part = "".join(kept[first:])
             prefix = " ".join(word for word in kept[:first] if word not in _MIDDLE)
             if part in _ALONE:
