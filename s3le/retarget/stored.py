@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import cache as once
 from pathlib import Path
@@ -29,6 +29,7 @@ from s3le.retarget.settings import Settings
 from s3le.retarget.stream import Retargeter
 from s3le.rng import stream
 from s3le.robot.robot import Robot
+from s3le.safety.paths import certify
 from s3le.store import cache
 from s3le.tuples import certified, samplers, sampling
 from s3le.tuples.engine import lock
@@ -214,7 +215,7 @@ def _helper(robot: Robot, watch: Watch) -> Iterator[None]:
     reader = threading.Thread(target=_tell, args=(process, watch), daemon=True)
     try:
         reader.start()
-        with process.stdin as pipe:
+        with suppress(BrokenPipeError), process.stdin as pipe:
             pipe.write(_packed(robot))
         yield
         process.wait()
@@ -235,13 +236,18 @@ def _tell(process: subprocess.Popen, watch: Watch) -> None:
 
 
 def help_out() -> None:
-    """What the helping process does: read a robot, make its poses, say how many are done."""
+    """What the helping process does: read a robot, make its poses, say how many are done.
+
+    First of all it proves a path, so that the process that compiles a frame finds the kernels of
+    the proof in the store when it comes to them, as the audit does later.
+    """
 
     def more(rows: int) -> None:
         print(rows, flush=True)
 
     robot = Robot.from_bytes((name, bytes.fromhex(data)) for name, data in json.load(sys.stdin))
     try:
+        certify(robot, np.stack([robot.anchor, robot.anchor]), Settings().between)
         made = exported.load(ensure(robot, more))
         x = batch.skeletons(robot.chain, robot.anchor[None])[0]
         made.proposer.propose(x)  # compiles the look-up too
