@@ -159,7 +159,10 @@ def _watched(name: str) -> "Iterator[Watch]":
     """Bars for what is done once: on a terminal they move, elsewhere a line says it."""
     from tqdm import tqdm
 
-    words = {"kernels": f"compiling kernels, {_ONCE}", "poses": f"poses of {name}, {_ONCE}"}
+    words = {
+        "kernels": f"compiling kernels, {_ONCE}, about a minute",
+        "poses": f"making the poses of {name}, {_ONCE}",
+    }
     bars: dict[str, tqdm] = {}
     with ExitStack() as stack:
 
