@@ -92,7 +92,7 @@ lint: setup
 
 # Needs uv; CUDA packages stay out, so that the lock serves machines with and without a GPU.
 lock:
-	uv pip compile pyproject.toml --extra dev --extra cluster --extra view --universal --python-version 3.11 \
+	uv pip compile pyproject.toml --extra pipeline --extra dev --extra cluster --extra view --universal --python-version 3.11 \
 	  --no-header --no-annotate --no-emit-package torch -q -o requirements.new
 	{ sed -n '/^#/p' requirements.lock; grep -vE '^(nvidia-|triton|cuda-)' requirements.new; } \
 	  > requirements.tmp && mv requirements.tmp requirements.lock && rm requirements.new

@@ -27,7 +27,7 @@ def main(
     sizes: Annotated[str, typer.Option(help="row counts")] = "10000,30000",
     seeds: Annotated[int, typer.Option(help="draws of each")] = 3,
     samplers: Annotated[str, typer.Option(help="which ones")] = ",".join(SAMPLERS),
-    robot: Annotated[Path, typer.Option(help="robot file")] = Path("data/robots/coman.yaml"),
+    robot: Annotated[Path, typer.Option(help="robot file")] = Path("s3le/robots/coman.yaml"),
     skeletons: Annotated[Path, typer.Option(help="people")] = Path("data/skeletons.parquet"),
     alpha: Annotated[float, typer.Option(help="relaxation of the joint ranges [-]")] = 0.2,
     margin: Annotated[float, typer.Option(help="clearance to keep [m]")] = 0.002,

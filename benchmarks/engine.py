@@ -53,7 +53,7 @@ def main(
     workers: Annotated[int, typer.Option(help="processes; 0: all processors")] = 0,
     sampler: Annotated[str, typer.Option(help=", ".join(SAMPLERS))] = "uniform",
     alpha: Annotated[float, typer.Option(help="relaxation of the joint ranges [-]")] = 0.2,
-    robot: Annotated[Path, typer.Option(help="robot file")] = Path("data/robots/coman.yaml"),
+    robot: Annotated[Path, typer.Option(help="robot file")] = Path("s3le/robots/coman.yaml"),
     margin: Annotated[float, typer.Option(help="clearance to keep [m]")] = 0.002,
     folder: Annotated[Path | None, typer.Option(help="where; a temporary one if none")] = None,
     keep: Annotated[bool, typer.Option(help="leave the table there")] = False,

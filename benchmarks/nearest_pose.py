@@ -15,13 +15,14 @@ from typing import Annotated
 import numpy as np
 import typer
 
-sys.path.append(str(Path(__file__).parents[1] / "tests"))
+ROOT = Path(__file__).parents[1]
+sys.path += [str(ROOT / "tests"), str(ROOT)]  # ROOT of `pipeline`, which is installed nowhere
 from reference import around, search  # noqa: E402  (the tests measure against it too)
 
 from pipeline.stage import bar  # noqa: E402
 from s3le.kernels import batch  # noqa: E402
 from s3le.rng import stream  # noqa: E402
-from s3le.robot.robot import Robot
+from s3le.robot.robot import Robot  # noqa: E402
 from s3le.tuples import sampling  # noqa: E402
 
 POOL = 2000  # feasible poses that random starts are chosen from
@@ -32,7 +33,7 @@ def main(
     samples: Annotated[int, typer.Option(help="relaxed poses that collide when clipped")] = 500,
     starts: Annotated[int, typer.Option(help="random feasible starts for each")] = 40,
     near: Annotated[int, typer.Option(help="starts around the answer for each")] = 20,
-    robot: Annotated[Path, typer.Option(help="robot file")] = Path("data/robots/coman.yaml"),
+    robot: Annotated[Path, typer.Option(help="robot file")] = Path("s3le/robots/coman.yaml"),
     margin: Annotated[float, typer.Option(help="clearance to keep [m]")] = 0.002,
     alpha: Annotated[float, typer.Option(help="relaxation of the joint ranges [-]")] = 0.2,
     seed: Annotated[int, typer.Option(help="root of the random streams")] = 0,

@@ -48,7 +48,7 @@ class Found:
 def main(
     samples: Annotated[int, typer.Option(help="relaxed poses that all project")] = 1500,
     rows: Annotated[int, typer.Option(help="tuples for each core, for throughput")] = 40_000,
-    robot: Annotated[Path, typer.Option(help="robot file")] = Path("data/robots/coman.yaml"),
+    robot: Annotated[Path, typer.Option(help="robot file")] = Path("s3le/robots/coman.yaml"),
     margin: Annotated[float, typer.Option(help="clearance to keep [m]")] = 0.002,
     alpha: Annotated[float, typer.Option(help="relaxation of the joint ranges [-]")] = 0.2,
     skip_feet: Annotated[bool, typer.Option(help="take the feet's capsules away")] = False,

@@ -16,18 +16,19 @@ from typing import Annotated
 import numpy as np
 import typer
 
-sys.path.append(str(Path(__file__).parents[1] / "tests"))
+ROOT = Path(__file__).parents[1]
+sys.path += [str(ROOT / "tests"), str(ROOT)]  # ROOT of `pipeline`, which is installed nowhere
 from reference import OneByOne  # noqa: E402  (the tests measure against it too)
 
 from pipeline.stage import bar  # noqa: E402
-from s3le.human import splits
+from s3le.human import splits  # noqa: E402
 from s3le.human.tables import SKELETONS  # noqa: E402
 from s3le.kernels import batch  # noqa: E402
 from s3le.retarget import Retargeter  # noqa: E402
 from s3le.rng import stream  # noqa: E402
 from s3le.skeleton import cosine_distance  # noqa: E402
-from s3le.store import tables
-from s3le.study import followed
+from s3le.store import tables  # noqa: E402
+from s3le.study import followed  # noqa: E402
 from s3le.tuples import sampling  # noqa: E402
 
 STARTS = 22  # of the other solver, for each frame

@@ -36,7 +36,7 @@ def main(
     samples: Annotated[int, typer.Option(help="paths of each random kind")] = 1000,
     budgets: Annotated[str, typer.Option(help="poses that may be looked at between")] = "0,2,200",
     margins: Annotated[str, typer.Option(help="clearances to keep between [m]")] = "0.0005,0.001",
-    robot: Annotated[Path, typer.Option(help="robot file")] = Path("data/robots/coman.yaml"),
+    robot: Annotated[Path, typer.Option(help="robot file")] = Path("s3le/robots/coman.yaml"),
     margin: Annotated[float, typer.Option(help="clearance of the poses [m]")] = 0.002,
     data: Annotated[Path, typer.Option(help="folder of the tables")] = Path("data"),
 ) -> None:

@@ -8,6 +8,7 @@ not certified by coal: these are only searched, never handed to a robot.
 import os
 import platform
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,16 +17,17 @@ from typing import NamedTuple
 import numpy as np
 import polars as pl
 
-from pipeline.stage import bar
-from s3le.human import dataset
-from s3le.human.read import SUFFIXES, read_clip, suffix_of
-from s3le.human.splits import test_rows
-from s3le.human.tables import SKELETONS
-from s3le.kernels import batch
-from s3le.learn import artifact
-from s3le.robot.robot import Robot
-from s3le.store import tables
-from s3le.tuples.sampling import relaxed_limits
+sys.path.append(str(Path(__file__).parents[1]))  # of `pipeline`, which is installed nowhere
+from pipeline.stage import bar  # noqa: E402
+from s3le.human import dataset  # noqa: E402
+from s3le.human.read import SUFFIXES, read_clip, suffix_of  # noqa: E402
+from s3le.human.splits import test_rows  # noqa: E402
+from s3le.human.tables import SKELETONS  # noqa: E402
+from s3le.kernels import batch  # noqa: E402
+from s3le.learn import artifact  # noqa: E402
+from s3le.robot.robot import Robot  # noqa: E402
+from s3le.store import tables  # noqa: E402
+from s3le.tuples.sampling import relaxed_limits  # noqa: E402
 
 SPACES = {"s3le": "s3le latents", "skeleton": "skeletons"}
 ALPHA = 0.2  # relaxation of the poses beyond the pipeline's own [-]

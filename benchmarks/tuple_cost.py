@@ -4,6 +4,7 @@ Imported by benchmarks/projection.py, which prints it.
 """
 
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,17 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.stage import bar, say
-from s3le.kernels import batch
-from s3le.kernels.distance import reach
-from s3le.kernels.solver import blend, minimise
-from s3le.robot.robot import Robot
-from s3le.store import tables
-from s3le.tuples import sampling
-from s3le.tuples.certified import certificate
-from s3le.tuples.engine import run
-from s3le.tuples.shards import TupleShards
-from s3le.tuples.tables import HOW, kinematic_pairs
+sys.path.append(str(Path(__file__).parents[1]))  # of `pipeline`, which is installed nowhere
+from pipeline.stage import bar, say  # noqa: E402
+from s3le.kernels import batch  # noqa: E402
+from s3le.kernels.distance import reach  # noqa: E402
+from s3le.kernels.solver import blend, minimise  # noqa: E402
+from s3le.robot.robot import Robot  # noqa: E402
+from s3le.store import tables  # noqa: E402
+from s3le.tuples import sampling  # noqa: E402
+from s3le.tuples.certified import certificate  # noqa: E402
+from s3le.tuples.engine import run  # noqa: E402
+from s3le.tuples.shards import TupleShards  # noqa: E402
+from s3le.tuples.tables import HOW, kinematic_pairs  # noqa: E402
 
 SHARD = 2000  # rows; small, so that every core makes many
 PROJECTION, COAL = "projection", "coal certificate"

@@ -1,13 +1,13 @@
 """Stage `export`: an index, its model and its robot -> data/retargeter, which stands by itself."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import Field, asdict, fields, make_dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any
 
 from pipeline.stage import bar, knob, launch, read
 from s3le.learn.table import index
 from s3le.retarget import exported
-from s3le.retarget.settings import RANGES, Settings
+from s3le.retarget.settings import Settings
 from s3le.robot.robot import Robot
 from s3le.store import tables
 
@@ -17,29 +17,22 @@ OUT = Path("data/retargeter")
 INDEX = {"s3le": "s3le", "lwl2": "lwl2", "skeleton": "skeleton_all"}  # method -> entry of index
 
 
-def _number(name: str, doc: str) -> object:
-    return knob(doc, at_least=RANGES[name][0], at_most=RANGES[name][1])
+def _knob(setting: Field) -> Any:
+    """A setting as a parameter; its range stands in s3le/retarget/settings.py."""
+    least, most = setting.metadata.get("range", (0.0, 0.0))
+    return knob(setting.metadata["doc"], at_least=least, at_most=most)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Params:
-    """How the exported retargeter works (s3le/retarget/settings.py)."""
-
-    section: ClassVar[str] = "export"
-    method: str = knob("what proposes poses", one_of=exported.METHODS)
-    k: int = _number("k", "poses that the look-up proposes")
-    iterations: int = _number("iterations", "most iterations of each solve")
-    target: float = _number("target", "clearance that refinement aims at [m]")
-    between: float = _number("between", "clearance kept between poses [m]")
-    ridge: float = _number("ridge", "pull towards the pose that a solve starts at [-]")
-    pull: float = _number("pull", "pull towards the pose wanted where it is out of reach [-]")
-    toll: float = _number("toll", "what a pose farther off must gain [1/rad]")
-    speed_factor: float = _number("speed_factor", "share of the joints' speeds that is used")
-    brake: float = _number("brake", "most change of a joint's speed [rad/s^2]")
-    cutoff: float = _number("cutoff", "of the filter of a human who stands still [Hz]")
-    quickness: float = _number("quickness", "what the cutoff gains with speed [Hz per 1/s]")
-    delay: bool = knob("answer one frame late")
-    check: bool = knob("check every pose of a stream independently")
+Params = make_dataclass(
+    "Params",
+    [
+        ("method", str, knob("what proposes poses", one_of=exported.METHODS)),
+        *((s.name, s.type, _knob(s)) for s in fields(Settings) if s.metadata),
+    ],
+    frozen=True,
+    kw_only=True,
+    namespace={"section": "export", "__doc__": "How the exported retargeter works."},
+)
 
 
 def main() -> None:

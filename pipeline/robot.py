@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, say
+from s3le.robot import known
 from s3le.robot.robot import Robot
 from s3le.skeleton import NECKS
 
-ROBOTS = Path("data/robots")
 OUT = Path("data/robot")
 
 
@@ -18,7 +18,7 @@ class Params:
     """What settles the robot."""
 
     section: ClassVar[str] = "robot"
-    robot: str = knob("robot file in data/robots, without .yaml", shared=True)
+    robot: str = knob("robot file in data/robots or s3le/robots, without .yaml", shared=True)
     margin: float = knob("clearance every pose keeps [m]", at_least=0, at_most=0.1, shared=True)
     neck: str = knob("where the neck is", one_of=NECKS, shared=True)
 
@@ -26,7 +26,7 @@ class Params:
 def main() -> None:
     """Check the robot, decide which pairs of bodies are watched, write it all to one folder."""
     params = read(Params)
-    made = Robot.adopt(ROBOTS / f"{params.robot}.yaml", params.margin, params.neck)
+    made = Robot.adopt(known.named(params.robot), params.margin, params.neck)
     made.write(OUT)
     for reason, count in sorted(Counter(pair.reason for pair in made.pairs).items()):
         say(f"{count:4d} pairs of bodies: {reason}")

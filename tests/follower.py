@@ -10,6 +10,7 @@ import numpy as np
 from worlds import coman
 
 from s3le.kernels import batch
+from s3le.retarget import stored
 from s3le.retarget.stream import Mode, Retargeter, Step
 from s3le.robot.robot import Robot
 from s3le.safety.paths import CERTIFIED, certify
@@ -18,8 +19,9 @@ ROOM = 1e-6  # [m], kept beyond the margin: kernels and coal agree to 1e-7
 
 
 def led_by(monkeypatch, cls):
-    """COMAN, led by one of the retargeters below, in every folder."""
+    """COMAN, led by one of the retargeters below, in every folder and without one."""
     made = cls(coman())
+    monkeypatch.setattr(stored, "retargeter_for", lambda robot, watch=None: made)
     monkeypatch.setattr(Retargeter, "load", lambda folder, method=None: made)
     return made
 

@@ -28,7 +28,7 @@ from s3le.motion import files, trajectory
 from s3le.show import motions as scenes
 
 ROOT = Path(__file__).parents[1]
-ROBOT = ["--robot", str(ROOT / "data" / "robots" / "coman.yaml")]
+ROBOT = ["--robot", str(ROOT / "s3le" / "robots" / "coman.yaml")]
 
 
 def run(*words, given=None):
@@ -225,7 +225,7 @@ def test_a_robot_is_a_folder_a_file_or_a_name(tmp_path, monkeypatch):
         assert shell.robot(str(given)).digest == coman().digest
     monkeypatch.chdir(tmp_path)
     assert shell.robot(None).name == "coman"
-    with pytest.raises(RobotError, match="no robot 'nobody'.* coman"):
+    with pytest.raises(RobotError, match="no robot 'nobody'.* coman, coman_authors, g1"):
         shell.robot("nobody")
 
 
@@ -252,6 +252,10 @@ def test_each_clip_becomes_a_certified_file_and_a_summary(tmp_path, retargeter):
     assert {p.name for p in out.iterdir()} == wanted
     summary = json.loads((out / "one.json").read_text())
     assert summary["certificate"]["holds"] and summary["to_human"]["mean"] < 0.1
+    assert said.stdout.splitlines()[0].startswith("robot coman (")
+    assert "20,000 stored poses, found by the skeleton itself" in said.stdout.splitlines()[0]
+    assert summary["model"] is None and summary["method"] == "skeleton"
+    assert summary["poses"]["rows"] == 20_000 and len(summary["poses"]["key"]) == 16
     paths = [out / f"{n}.{s}" for n in ("one", "two") for s in ("parquet", "csv", "npz")]
     audited = run("audit", *paths, *ROBOT)
     assert audited.exit_code == shell.OK and "6 of 6 files hold" in audited.output
@@ -454,7 +458,8 @@ def test_a_stream_on_standard_input(retargeter):
     said = run("stream", given=f"{frame()}\nnonsense\n{frame()}\n")
     assert said.exit_code == shell.OK, said.output
     lines = [json.loads(line) for line in said.stdout.splitlines()]
-    assert lines[0]["joints"] == coman().joint_names
+    assert lines[0]["joints"] == coman().joint_names and lines[0]["model"] is None
+    assert lines[0]["poses"]["seed"] == 7 and "20,000 stored poses" in said.stderr
     assert len(lines[1]["q"]) == 11 and lines[2]["line"] == 2 and "error" in lines[2]
     assert lines[3]["t"] == pytest.approx(0.1 + 1 / 30)
 

@@ -295,7 +295,7 @@ def people() -> np.ndarray:
 
 def test_people_find_the_nearest_pose_in_skeleton_space():
     x = people()
-    it = Robot.from_file(ROOT / "data" / "robots" / "coman.yaml", 0.002, "midpoint")
+    it = Robot.from_file(ROOT / "s3le" / "robots" / "coman.yaml", 0.002, "midpoint")
     low, high = relaxed_limits(it.lower, it.upper, 0.2)
     q = np.random.default_rng(0).uniform(low, high, (10_000, it.n_dof))
     poses = batch.skeletons(it.chain, q).astype(np.float32)

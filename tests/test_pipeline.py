@@ -317,7 +317,8 @@ def test_another_robot_goes_from_its_urdf_to_certified_motion(clean):
         for part in figures.values():
             assert part["all"]["collision_rate"] == part["all"]["limit_rate"] == 0.0
         swing(clean / "wave.txt", 0.3, 12)
-        good(clean, *s3le, "retarget", "wave.txt", "--out", "motions")
+        good(clean, *s3le, "retarget", "wave.txt", "--out", "motions",
+             "--model", "data/retargeter")  # fmt: skip
         assert "CERTIFIED" in good(clean, *s3le, "audit", "motions/wave.parquet")
     finally:
         shutil.rmtree(clean / "motions", ignore_errors=True)

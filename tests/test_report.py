@@ -55,7 +55,7 @@ def rows_of(split: str, n: int, methods=METHODS) -> list[dict]:
 @pytest.fixture(scope="module")
 def coman():
     """Skeletons (3, 21), capsule ends (3, b, 2, 3), radii, who stands still; not compiled."""
-    robot = model.load(ROOT / "data/robots/coman.yaml")
+    robot = model.load(ROOT / "s3le/robots/coman.yaml")
     rng = np.random.default_rng(3)
     q = np.stack([robot.anchor, np.zeros(robot.n_dof), rng.uniform(robot.lower, robot.upper)])
     half = [np.linalg.norm(body.b - body.a) / 2 for body in robot.bodies]

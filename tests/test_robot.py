@@ -495,7 +495,7 @@ def test_a_missing_robot_is_answered_with_the_ones_there_are():
     with pytest.raises(RobotError) as refusal:
         model.load(ROBOTS / "coma.yaml")
     assert str(refusal.value) == (
-        f"{ROBOTS / 'coma.yaml'} does not exist; robots here: coman, coman_authors"
+        f"{ROBOTS / 'coma.yaml'} does not exist; robots here: coman, coman_authors, g1"
     )
 
 

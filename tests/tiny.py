@@ -15,6 +15,8 @@ from dag import ROOT
 from PIL import Image
 from ruamel.yaml import YAML
 
+from s3le.store import cache
+
 TINY = {
     "skeletons": {"domain_rows": 300},
     "pair": {"rows": 30},
@@ -31,7 +33,6 @@ TINY = {
 }
 STAGES = 33
 RECORDS = ("reports/latency.json",)  # of reports/, what a run reads
-KERNELS = ROOT / "s3le" / "kernels"
 
 
 def swing(path: Path, phase: float, frames: int) -> None:
@@ -52,7 +53,7 @@ def environment(folder: Path) -> dict[str, str]:
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "PYTHONPATH": str(folder),  # this folder's code, whatever is installed
         # Copies of this project have its kernels: what one of them compiles serves all.
-        "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR") or str(KERNELS / "__pycache__"),
+        "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR") or str(cache.folder()),
         "DVC_NO_ANALYTICS": "1",
         "GIT_AUTHOR_NAME": "t", "GIT_AUTHOR_EMAIL": "t@t",
         "GIT_COMMITTER_NAME": "t", "GIT_COMMITTER_EMAIL": "t@t",

@@ -8,10 +8,11 @@ import numpy as np
 
 from s3le.kernels.distance import near_pairs, place_capsules, reach
 from s3le.kernels.kinematics import bones, place
+from s3le.robot.known import READY
 from s3le.robot.robot import Robot
 from s3le.skeleton import POINTS
 
-ROBOTS = Path(__file__).parents[1] / "data" / "robots"
+ROBOTS = READY
 MARGIN = 0.002  # [m], params.yaml's default
 
 

@@ -21,7 +21,7 @@ def audit(
     robot: Annotated[
         str | None,
         typer.Option(
-            help="Folder that the robot stage wrote, robot file, or name in data/robots.",
+            help="Name (s3le robot list), robot file, or folder that the robot stage wrote.",
             show_default="data/robot, else coman",
         ),
     ] = None,

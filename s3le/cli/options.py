@@ -14,6 +14,24 @@ class Tool(StrEnum):
     mjlab = "mjlab"
 
 
+RobotToMove = Annotated[
+    str | None,
+    typer.Option(
+        help="Name (s3le robot list), robot file, or folder of stage robot.",
+        show_default="the model's; without one data/robot, else coman",
+    ),
+]
+Model = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder of a retargeter that the pipeline exported, e.g. data/retargeter.",
+        show_default="poses that are made for the robot",
+    ),
+]
+Method = Annotated[
+    str | None,
+    typer.Option(help="Refuse any other method of look-up.", show_default="whichever it is"),
+]
 Human = Annotated[
     str | None,
     typer.Option(
@@ -25,7 +43,7 @@ End = Annotated[float | None, typer.Option("--to", help="End here [s].")]
 RobotOfFiles = Annotated[
     str | None,
     typer.Option(
-        help="Folder that the robot stage wrote, robot file, or name in data/robots.",
+        help="Name (s3le robot list), robot file, or folder that the robot stage wrote.",
         show_default="the one that a file names, else data/robot, else coman",
     ),
 ]

@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from s3le.cli import options, shell
-from s3le.errors import ModelError, S3leError
+from s3le.errors import S3leError
 
 if TYPE_CHECKING:
     from s3le.retarget import outputs
     from s3le.retarget.stream import Retargeter
-
-MODEL = Path("data/retargeter")  # what the stage `export` writes
 
 
 def retarget(
@@ -26,13 +24,9 @@ def retarget(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.", show_default=False)],
-    robot: Annotated[
-        str | None, typer.Option(help="Name of the robot that the model must be for.")
-    ] = None,
-    model: Annotated[Path, typer.Option(help="Folder of the exported retargeter.")] = MODEL,
-    method: Annotated[
-        str | None, typer.Option(help="Retrieval method.", show_default="the model's")
-    ] = None,
+    robot: options.RobotToMove = None,
+    model: options.Model = None,
+    method: options.Method = None,
     csv: Annotated[bool, typer.Option("--csv", help="Also write CSV.")] = False,
     npz: Annotated[bool, typer.Option("--npz", help="Also write NPZ.")] = False,
     full: Annotated[
@@ -87,11 +81,14 @@ def retarget(
     clearance [m], mode. Every pose is checked by coal and every path between two poses is proven
     before anything is written; a clip that fails is named, and the others are still written. What
     keypoints leave open (which joint is which, up, tilt, unit, rate) is found in the data and said,
-    or asked for. A clip of which most frames cannot be used fails too.
+    or asked for. A clip of which most frames cannot be used fails too. Without --model the robot's
+    poses are made when it is first asked for, and kept.
 
     \b
     s3le retarget walk.bvh --out out
-    s3le retarget 14_05.amc 14_07.amc.gz --robot coman --out out --csv --npz
+    s3le retarget 14_05.amc 14_07.amc.gz --robot g1 --out out --csv --npz
+    s3le retarget walk.bvh --robot my.yaml --out out
+    s3le retarget walk.bvh --model data/retargeter --out out
     s3le retarget clips/ --out out --rate 500 --lead-in 2
     s3le retarget walk.bvh --out out --full --for gmr --for mjlab --rate 30
     s3le retarget mediapipe.npz --out out --pitch 12
@@ -109,10 +106,7 @@ def retarget(
         known = shell.how(layout, axes, pitch, person, confidence, animation, names)
         read = {"fps": fps, "tilt_max": tilt_max, "how": known}
         paths = chosen(clips)
-        retargeter = shell.retargeter(model, method)
-        own = retargeter.robot.name
-        if robot is not None and robot != own:
-            raise ModelError(f"{model} is for robot '{own}', not '{robot}'")
+        retargeter, about, line = shell.retargeter(model, method, robot)
         shape = outputs.shape(
             retargeter.robot, csv=csv, npz=npz, full=full, tools=tools or (),
             root_height=root_height,
@@ -122,8 +116,9 @@ def retarget(
             "rate": rate,
             "even": bool(shape.tools),
             "lead_in": lead_in,
-            "about": {"model": str(model), "method": method},
+            "about": about,
         }
+        typer.echo(line)
         failed = 0
         for path in paths:
             try:

@@ -1,11 +1,14 @@
 """`s3le robot`: a robot file from a URDF, and what is to be known about one."""
 
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from s3le.cli import shell
+from s3le.errors import S3leError
+from s3le.robot import known
 
 if TYPE_CHECKING:
     from s3le.robot.robot import Robot
@@ -45,10 +48,15 @@ def new(
         bool,
         typer.Option("--hulls", help="Keep the meshes' convex hulls, for an independent check."),
     ] = False,
-    out: Annotated[Path, typer.Option(help="Folder of robot files.")] = Path("data/robots"),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of robot files.", show_default="data/robots if it is here, else ."
+        ),
+    ] = None,
     margin: Annotated[
         float, typer.Option(min=0.0, help="Clearance that the anchor keeps at least [m].")
-    ] = shell.MARGIN,
+    ] = known.MARGIN,
     picture: Annotated[
         Path | None,
         typer.Option(help="PNG that shows it.", show_default="NAME.png beside the robot file"),
@@ -58,8 +66,9 @@ def new(
     """Propose a robot file, say what is sure and what to look at, and draw it.
 
     Writes NAME.yaml, urdf/NAME.urdf (kinematics and bodies alone: no mesh is needed any more), with
-    an SRDF urdf/NAME.srdf, with --hulls urdf/NAME.hulls.npz, and the picture. Commit them all but
-    the picture; then `dvc exp run -S robot=NAME` runs the pipeline with this robot.
+    an SRDF urdf/NAME.srdf, with --hulls urdf/NAME.hulls.npz, and the picture. `s3le retarget
+    --robot NAME.yaml` moves it at once. In a checkout, commit them all but the picture; then
+    `dvc exp run -S robot=NAME` runs the pipeline with this robot.
 
     \b
     s3le robot new my.urdf
@@ -69,8 +78,9 @@ def new(
     from s3le.onboard import propose
 
     with shell.guarded():
+        out = out or (known.OWN if known.OWN.is_dir() else Path())
         made = propose.propose(
-            urdf, name or urdf.stem, margin, shell.NECK, package_path or (), srdf, spheres,
+            urdf, name or urdf.stem, margin, known.NECK, package_path or (), srdf, spheres,
             capsules, visual, hulls,
         )  # fmt: skip
         png = picture or out / f"{made.name}.png"
@@ -89,9 +99,68 @@ def new(
         typer.echo(f"sure: {line}")
     for line in made.look:
         typer.echo(f"look: {line}")
+    file = out / f"{made.name}.yaml"
     typer.echo(
-        f"next: look at {png}; s3le robot check {made.name}; dvc exp run -S robot={made.name}"
+        f"next: look at {png}; s3le robot check {file}; "
+        f"s3le retarget CLIP --robot {file} --out motions"
     )
+
+
+@app.command("list", short_help="The robots that are known here.")
+def robots(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """List the robots that come with S3LE and those in data/robots: what each is and who made it.
+
+    For each: joints that move, bones that are followed, bodies, pairs of bodies that are watched,
+    and pairs that could meet but are not watched, of which no certificate speaks.
+
+    \b
+    s3le robot list
+    s3le robot list --json
+
+    Exit status: 0, or 1 if one of them cannot be used.
+    """  # noqa: D301
+    told, status = [], shell.OK
+    for name, file in known.listed().items():
+        try:
+            told.append({"name": name, "file": str(file)} | _about(shell.robot(str(file)), file))
+        except S3leError as refusal:
+            told.append({"name": name, "file": str(file), "unusable": str(refusal)})
+            status = shell.BROKEN
+    if as_json:
+        typer.echo(json.dumps(told, indent=2))
+    else:
+        typer.echo("\n".join(line for about in told for line in _listed(about)))
+    raise typer.Exit(status)
+
+
+def _about(robot: "Robot", file: Path) -> dict[str, Any]:
+    return {
+        "made_by": known.origin(file) or None,
+        "joints": robot.joint_names,
+        "bones": list(robot.vectors),
+        "bodies": len(robot.bodies),
+        "pairs_watched": len(robot.watched),
+        "not_covered": [f"{a} and {b}: {why}" for a, b, _, why in robot.unwatched()],
+    }
+
+
+def _listed(about: dict[str, Any]) -> list[str]:
+    if "unusable" in about:
+        return [f"{about['name']}: cannot be used: {about['unusable']}"]
+    made = about["made_by"]
+    who = f"{made['maker']}; {made['source']}; {made['licence']}" if made else "your own"
+    bare = about["not_covered"]
+    return [
+        f"{about['name']}: {len(about['joints'])} joints, {len(about['bones'])} bones followed, "
+        f"{about['bodies']} bodies, {about['pairs_watched']} pairs watched, {len(bare)} that "
+        "could meet not covered",
+        f"  {who}",
+        f"  {about['file']}",
+        f"  joints: {', '.join(about['joints'])}",
+        *(f"  not covered: {pair}" for pair in bare),
+    ]
 
 
 @app.command("check", short_help="What there is to know about a robot file.")
@@ -99,7 +168,8 @@ def check(
     robot: Annotated[
         str,
         typer.Argument(
-            help="Name in data/robots, robot file, or folder of stage robot.", show_default=False
+            help="Name (s3le robot list), robot file, or folder of stage robot.",
+            show_default=False,
         ),
     ],
     margin: Annotated[
@@ -114,7 +184,7 @@ def check(
 
     \b
     s3le robot check coman
-    s3le robot check data/robots/my.yaml --all --picture my.png
+    s3le robot check my.yaml --all --picture my.png
 
     Exit status: 0 if it can be used, 2 if not, with the reason in a line.
     """  # noqa: D301

@@ -2,23 +2,24 @@
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from s3le.errors import ParameterError, RobotError, S3leError
+from s3le.errors import ModelError, ParameterError, S3leError
+from s3le.robot.known import MARGIN
 
 if TYPE_CHECKING:  # for the reader; importing it takes a second
     from s3le.human.keypoints.how import How
+    from s3le.retarget.stored import Watch
     from s3le.retarget.stream import Retargeter
     from s3le.robot.robot import Robot
 
 OK, BROKEN, UNREADABLE = 0, 1, 2  # exit status
-MARGIN, NECK = 0.002, "midpoint"  # of a robot file, which has neither; see params.yaml
+_ONCE = "once for this machine"
 RESOLVED = Path("data/robot")  # what the stage `robot` writes
-_ROBOTS = Path("data/robots")
 
 
 @contextmanager
@@ -69,34 +70,18 @@ def robot(given: str | None, margin: float | None = None) -> "Robot":
     """The robot that is meant.
 
     Args:
-        given: a folder that stage `robot` wrote or one that holds it, a robot file, or the name
-            of one in data/robots; None: data/robot, or COMAN where there is none.
+        given: see Robot.load; None: data/robot, or COMAN where there is none.
         margin: clearance of poses [m], for a robot file, which names none.
 
     Raises:
         RobotError: there is no such robot, or its files are unusable.
     """
-    from s3le.robot.robot import SETTINGS, Robot
+    from s3le.robot.robot import Robot
 
     if given is None:
         given = str(RESOLVED) if RESOLVED.is_dir() else "coman"
     # The anchor must keep what poses usually do, not whatever an audit asks of others.
-    least = MARGIN if margin is None else min(margin, MARGIN)
-    path = Path(given)
-    for folder in (path, path / "robot"):
-        if (folder / SETTINGS).is_file():
-            return Robot.read(folder)
-    if path.suffix in (".yaml", ".yml"):
-        return Robot.adopt(path, least, NECK)
-    own = Path(__file__).parents[2] / _ROBOTS
-    for folder in (_ROBOTS, own):
-        if (folder / f"{given}.yaml").is_file():
-            return Robot.adopt(folder / f"{given}.yaml", least, NECK)
-    known = sorted({p.stem for folder in (_ROBOTS, own) for p in folder.glob("*.yaml")})
-    raise RobotError(
-        f"there is no robot '{given}': give a folder with {SETTINGS}, a robot file "
-        f"(.yaml), or one of: {', '.join(known) or 'none here'}"
-    )
+    return Robot.load(given, MARGIN if margin is None else min(margin, MARGIN))
 
 
 def velocities(given: list[str] | None) -> dict[str, float] | float | None:
@@ -120,18 +105,81 @@ def velocities(given: list[str] | None) -> dict[str, float] | float | None:
     return named or None
 
 
-def retargeter(model: Path, method: str | None) -> "Retargeter":
-    """The retargeter of a folder; says what a user waits for after a fresh installation.
+class Meant(NamedTuple):
+    """A retargeter, and where its poses come from."""
+
+    retargeter: "Retargeter"
+    about: dict[str, Any]  # for a motion's metadata
+    line: str  # for a person
+
+
+def retargeter(model: Path | None, method: str | None, given: str | None) -> Meant:
+    """The retargeter that is meant; shows on stderr what a user waits for at first.
+
+    Args:
+        model: folder that stage `export` wrote; None: poses made for the robot by itself.
+        method: refuse any other method of look-up.
+        given: the robot, see `robot`; None: the model's.
 
     Raises:
-        S3leError: see Retargeter.load.
+        ModelError: the model is for another robot, or there is none and the method needs one.
+        S3leError: see Retargeter.load and stored.retargeter_for.
     """
     from s3le.kernels import compiled
+    from s3le.retarget import exported, stored
     from s3le.retarget.stream import Retargeter
 
+    if model is None:
+        if method not in (None, stored.METHOD):
+            raise ModelError(
+                f"look-up by '{method}' takes a model that the pipeline trained: --model FOLDER; "
+                f"without one poses are found by '{stored.METHOD}'"
+            )
+        it = robot(given)
+        with _watched(it.name) as watch:
+            made = stored.retargeter_for(it, watch=watch)
+        line = (
+            f"robot {it.name} ({it.description.source}), {stored.ROWS:,} stored poses, found by "
+            f"the skeleton itself: {stored.folder(it)}"
+        )
+        return Meant(made, {"model": None} | stored.about(it), line)
     if Path(model).is_dir() and not compiled.stored("guard.frame"):
-        typer.echo("compiling kernels, once for this installation: about a minute", err=True)
-    return Retargeter.load(model, method=method)
+        typer.echo(f"compiling kernels, {_ONCE}: about a minute", err=True)
+    made = Retargeter.load(model, method=method)
+    own = made.robot
+    if given not in (None, own.name) and robot(given).digest != own.digest:
+        raise ModelError(f"{model} is for robot '{own.name}', not '{given}'")
+    found = exported.method(model)
+    about = {"model": str(model), "method": found}
+    return Meant(made, about, f"robot {own.name}, model {model}, poses found by {found}")
+
+
+@contextmanager
+def _watched(name: str) -> "Iterator[Watch]":
+    """Bars for what is done once: on a terminal they move, elsewhere a line says it."""
+    from tqdm import tqdm
+
+    words = {
+        "kernels": f"compiling kernels, {_ONCE}, about a minute",
+        "poses": f"making the poses of {name}, {_ONCE}",
+    }
+    bars: dict[str, tqdm] = {}
+    with ExitStack() as stack:
+
+        def watch(what: str, more: int, total: int) -> None:
+            if what not in bars:
+                if not sys.stderr.isatty():
+                    typer.echo(words[what], err=True)
+                bars[what] = stack.enter_context(
+                    tqdm(
+                        total=total, desc=words[what], unit=f" {what}", file=sys.stderr,
+                        disable=None, position=len(bars), unit_scale=what == "poses",
+                    )
+                )  # fmt: skip
+            bars[what].total = total
+            bars[what].update(more)
+
+        yield watch
 
 
 def how(

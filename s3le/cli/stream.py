@@ -4,20 +4,17 @@ import sys
 from contextlib import suppress
 from functools import partial
 from math import radians
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from s3le.cli import shell
-from s3le.cli.retarget import MODEL
+from s3le.cli import options, shell
 
 
 def stream(
-    model: Annotated[Path, typer.Option(help="Folder of the exported retargeter.")] = MODEL,
-    method: Annotated[
-        str | None, typer.Option(help="Retrieval method.", show_default="the model's")
-    ] = None,
+    robot: options.RobotToMove = None,
+    model: options.Model = None,
+    method: options.Method = None,
     rate: Annotated[
         float, typer.Option(help="Frames per second of lines without dt or t [Hz].")
     ] = 30.0,
@@ -34,9 +31,9 @@ def stream(
     """Follow a stream of frames: JSON lines in, one certified pose out for each.
 
     In: {"x": [21 numbers], "dt": 0.033} or {"points": {"hip": [x, y, z], ...}, "t": 1.2}, metres,
-    z up. Out: first a line that names the joints, then {"t": s, "q": [rad], "mode": "...",
-    "clearance": m} for each line in, or {"line": n, "error": "..."} where it could not be used;
-    the stream goes on. The robot begins at its anchor.
+    z up. Out: first a line that names the joints and the poses or the model, then {"t": s, "q":
+    [rad], "mode": "...", "clearance": m} for each line in, or {"line": n, "error": "..."} where it
+    could not be used; the stream goes on. The robot begins at its anchor.
 
     \b
     camera | s3le stream --rate 60 > poses.jsonl
@@ -48,17 +45,21 @@ def stream(
     from s3le.retarget import live
 
     with shell.guarded():
-        retargeter = shell.retargeter(model, method)
+        retargeter, about, line = shell.retargeter(model, method, robot)
+        typer.echo(line, err=True)
+
+        def begin() -> live.Live:
+            return live.Live(retargeter, rate, radians(tilt_max), about)
+
         if listen is not None:
-            _listen(listen, lambda: live.Live(retargeter, rate, radians(tilt_max)))
+            _listen(listen, begin)
             return
 
         def say(line: str) -> None:
             sys.stdout.write(line + "\n")
             sys.stdout.flush()
 
-        begun = live.Live(retargeter, rate, radians(tilt_max))
-        live.serve(begun, live.lines(sys.stdin.buffer), say)
+        live.serve(begin(), live.lines(sys.stdin.buffer), say)
 
 
 def _listen(port: int, begin) -> None:

@@ -5,7 +5,6 @@ The file's metadata names the robot and its hash and holds the certificate (JSON
 
 import json
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from s3le import __version__
 from s3le.errors import TrajectoryError
 from s3le.motion.columns import NAMES, RATES, STEPS, interpret
 from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, unit
@@ -47,20 +47,12 @@ def write(trajectory: Trajectory, part: Path) -> None:
         for name, values, measure, doc in columns
     ]
     about = {f"{PREFIX}{key}": _text(value) for key, value in trajectory.about.items()}
-    about |= {f"{PREFIX}format": FORMAT, f"{PREFIX}version": own_version()}
+    about |= {f"{PREFIX}format": FORMAT, f"{PREFIX}version": __version__}
     table = pa.table(
         [pa.array(c[1], field.type) for c, field in zip(columns, fields, strict=True)],
         schema=pa.schema(fields, about),
     )
     pq.write_table(table, part, compression="zstd")
-
-
-def own_version() -> str:
-    """Version of this package, for what it writes."""
-    try:
-        return version("s3le")
-    except PackageNotFoundError:  # run from a checkout that was never installed
-        return "unknown"
 
 
 def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Trajectory:

@@ -160,6 +160,11 @@ def load(
         ) from None
 
 
+def method(folder: Path) -> str:
+    """By which method a retargeter that could be loaded proposes poses."""
+    return str(documents.read_json(Path(folder) / ABOUT, "export")["method"])
+
+
 def _proposer(folder: Path, it: Robot, about: dict, settings: Settings) -> propose.Proposer:
     method, metric, encode = about["method"], about["metric"], None
     if method not in METHODS or metric not in LATENT_METRICS:

@@ -7,7 +7,7 @@ moves nothing and its time is added to the next one's.
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -35,13 +35,20 @@ def lines(source: BinaryIO) -> Iterator[bytes]:
 class Live:
     """Turns lines into lines; the robot's state is the stream's."""
 
-    def __init__(self, retargeter: Retargeter, rate: float, tilt_max: float) -> None:
+    def __init__(
+        self,
+        retargeter: Retargeter,
+        rate: float,
+        tilt_max: float,
+        about: Mapping[str, Any] | None = None,
+    ) -> None:
         """Begin a stream at the robot's anchor.
 
         Args:
             retargeter: the one to follow the stream; every pose is checked.
             rate: frames per second of lines that do not say [Hz].
             tilt_max: frames whose torso leans farther are refused [rad]; only of "points".
+            about: further words for the greeting.
 
         Raises:
             ParameterError: rate is none.
@@ -49,6 +56,7 @@ class Live:
         if not 0.1 <= rate <= 10_000.0:
             raise ParameterError(f"rate must be in [0.1, 10000] Hz, got {rate!r}")
         self._its, self._period, self._tilt = retargeter, 1.0 / rate, tilt_max
+        self._about = about or {}
         self._time, self._owed, self._last_t, self._number = 0.0, 0.0, None, 0
         self._heading = 0.0  # [rad], of the last good line
         self._stream = retargeter.start(retargeter.robot.anchor, check=True)
@@ -65,6 +73,7 @@ class Live:
                 "units": {"t": "s", "q": "rad", "heading": "rad", "clearance": "m"},
                 "margin": robot.margin,
                 "margin_between": self._its.settings.between,
+                **self._about,
             }
         )
 

@@ -1,6 +1,7 @@
 """What can be chosen about retargeting; stored with the artefact."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -9,59 +10,70 @@ from s3le.retarget.refine import Rule
 from s3le.robot.robot import Robot
 from s3le.safety.paths import BUDGET
 
-RANGES = {  # field -> (least, most), both allowed
-    "k": (1, 1000),
-    "iterations": (1, 1000),
-    "target": (0.0, 0.1),
-    "between": (1e-9, 0.1),
-    "ridge": (1e-9, 1.0),
-    "pull": (0.0, 1e6),
-    "toll": (0.0, 2.0),
-    "speed_factor": (1e-3, 1.0),
-    "brake": (0.0, 1e6),
-    "cutoff": (0.0, 1e4),
-    "quickness": (0.0, 1e3),
-    "budget": (0, 100_000),
-}
+
+def _number(default: float, least: float, most: float, doc: str) -> Any:
+    """A number that people choose, with its range, both ends allowed."""
+    return field(default=default, metadata={"doc": doc, "range": (least, most)})
+
+
+def _switch(default: bool, doc: str) -> Any:
+    """Yes or no, chosen by people."""
+    return field(default=default, metadata={"doc": doc})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Settings of one retargeter.
+    """Settings of one retargeter; by default those of the section `export` of params.yaml.
 
     The three clearances stand in this order: target, the poses' own margin, between.
     """
 
-    k: int  # poses that the look-up proposes
-    iterations: int  # most iterations of each solve
-    target: float  # clearance that refinement aims at [m], at least the poses' margin
-    between: float  # clearance kept on the paths between poses [m], at most the poses' margin
-    ridge: float  # weight of the pull towards the pose that a solve starts at [-]
-    pull: float  # weight of the pull towards the pose wanted where it is out of reach [-]
-    toll: float  # what a pose farther off must gain, in mean cosine distance [1/rad]
-    speed_factor: float  # share of the robot's joint speeds that is used
-    brake: float  # most change of speed, where safety leaves the choice [rad/s^2]; 0: any
-    cutoff: float  # of the filter of a human who stands still [Hz]; 0: no filter
-    quickness: float  # what the cutoff gains with the human's speed [Hz per 1/s]
-    delay: bool  # answer one frame late, so that a frame unlike its neighbours goes unseen
-    check: bool  # a stream checks every pose independently; a batch always does
+    k: int = _number(8, 1, 1000, "poses that the look-up proposes")
+    iterations: int = _number(6, 1, 1000, "most iterations of each solve")
+    target: float = _number(
+        0.004, 0.0, 0.1, "clearance that refinement aims at [m], at least the poses' margin"
+    )
+    between: float = _number(
+        0.0005, 1e-9, 0.1, "clearance kept on the paths between poses [m], at most the margin"
+    )
+    ridge: float = _number(0.001, 1e-9, 1.0, "pull towards the pose that a solve starts at [-]")
+    pull: float = _number(
+        0.3, 0.0, 1e6, "pull towards the pose wanted, where it is out of reach [-]"
+    )
+    toll: float = _number(
+        0.003, 0.0, 2.0, "what a pose farther off must gain, in mean cosine distance [1/rad]"
+    )
+    speed_factor: float = _number(1.0, 1e-3, 1.0, "share of the robot's joint speeds that is used")
+    brake: float = _number(
+        120.0, 0.0, 1e6, "most change of speed, where safety leaves the choice [rad/s^2]; 0: any"
+    )
+    cutoff: float = _number(
+        0.0, 0.0, 1e4, "of the filter of a human who stands still [Hz]; 0: no filter"
+    )
+    quickness: float = _number(
+        1.0, 0.0, 1e3, "what the cutoff gains with the human's speed [Hz per 1/s]"
+    )
+    delay: bool = _switch(False, "answer one frame late, so that one odd frame goes unseen")
+    check: bool = _switch(True, "a stream checks every pose independently; a batch always does")
     budget: int = BUDGET  # poses that a proof may look at
 
     def __post_init__(self) -> None:
         """Refuse what is out of range."""
-        for name, (least, most) in RANGES.items():
-            value = getattr(self, name)
+        for each in fields(self):
+            name, value = each.name, getattr(self, each.name)
+            if each.type is bool:
+                if type(value) is not bool:
+                    raise ParameterError(f"retarget: {name} must be true or false, got {value!r}")
+                continue
+            least, most = each.metadata.get("range", (0, 100_000))
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise ParameterError(f"retarget: {name} must be a number, got {value!r}")
             if not least <= value <= most:
                 raise ParameterError(
                     f"retarget: {name} must be in [{least:g}, {most:g}], got {value!r}"
                 )
-        for field in fields(self):
-            if field.type is int and type(getattr(self, field.name)) is not int:
-                raise ParameterError(f"retarget: {field.name} must be a whole number")
-            if field.type is bool and type(getattr(self, field.name)) is not bool:
-                raise ParameterError(f"retarget: {field.name} must be true or false")
+            if each.type is int and type(value) is not int:
+                raise ParameterError(f"retarget: {name} must be a whole number, got {value!r}")
 
     def rule(self, robot: Robot) -> Rule:
         """The settings as the kernels want them.

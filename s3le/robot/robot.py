@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from s3le.errors import RobotError
-from s3le.robot import chain, model, pairs, sense
+from s3le.robot import chain, known, model, pairs, sense
 from s3le.robot.certificate import Certifier, point_positions
 from s3le.robot.description import read_description
+from s3le.robot.known import MARGIN, NECK
 from s3le.robot.model import Geometry
 from s3le.robot.table import ROBOT_PAIRS
 from s3le.skeleton import (
@@ -33,7 +34,6 @@ from s3le.store.atomic import replace
 
 ROBOT_FILE, SETTINGS, PAIRS = "robot.yaml", "settings.json", "pairs.parquet"
 BONES_FILE = "bones.json"
-MARGIN, NECK = 0.002, "midpoint"  # of a robot file, which says neither; see params.yaml
 Files = tuple[tuple[str, bytes], ...]  # names and bytes of a robot's own files
 
 
@@ -44,6 +44,28 @@ class Robot(Geometry):
     pairs: tuple[pairs.Pair, ...]
     margin: float  # [m]
     neck: str  # skeleton.NECKS
+
+    @classmethod
+    def load(cls, given: Path | str, margin: float = MARGIN) -> "Robot":
+        """The robot that is meant by a name, a file or a folder.
+
+        Args:
+            given: a folder that stage `robot` or `write` made or one that holds it as `robot`, a
+                robot file (.yaml), or a name: of a robot file here or in data/robots, or of a
+                robot that comes with the package.
+            margin: clearance that poses keep [m], for a robot file; a folder has its own.
+
+        Raises:
+            RobotError: there is no such robot, or its files are unusable; see adopt.
+            TableError: its list of pairs is damaged.
+        """
+        path = Path(given)
+        for folder in (path, path / "robot"):
+            if (folder / SETTINGS).is_file():
+                return cls.read(folder)
+        if path.suffix not in (".yaml", ".yml"):
+            path = known.named(str(given), (Path(), known.OWN))
+        return cls.adopt(path, margin, NECK)
 
     @classmethod
     def from_file(cls, file: Path, margin: float = MARGIN, neck: str = NECK) -> "Robot":

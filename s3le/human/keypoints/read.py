@@ -94,7 +94,7 @@ def _read(path: Path, how: How) -> Found:
     if kind == ".json":
         return find(path, read_json(path), how)
     if kind == ".trc":
-        return read_trc(path)
+        return read_trc(path, how.names)
     if kind in SCENES:
         return read_gltf(path, how)
     if kind in (".pkl", ".pickle"):

@@ -4,6 +4,7 @@ Markers on the skin come in the same format and are refused: no marker lies at a
 names of both hips, shoulders, elbows and wrists are what tells joint centres.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,12 @@ SKIN = (
 )
 
 
-def read_trc(path: Path | str) -> Found:
+def read_trc(path: Path | str, given: Mapping[str, str] | None = None) -> Found:
     """The named joints of a table, NaN where a field is empty.
+
+    Args:
+        path: the file.
+        given: what the file calls our joints, as rigs.match takes it.
 
     Raises:
         ClipError: no TRC, markers on the skin, or damage; names the line, counted from 1.
@@ -46,7 +51,7 @@ def read_trc(path: Path | str) -> Found:
     if not 0 < len(names) <= MOST_MARKERS or len(set(names)) < len(names):
         why = f"{len(names)} names of joints, wanted 1 to {MOST_MARKERS}, each once"
         raise refusal(path, number, why)
-    named = by_names(names)
+    named = by_names(names, given)
     if named.missing:
         there = f"no joint for {listed(named.missing)} among {listed(names)}"
         raise refusal(path, number, f"{there}; {SKIN}")
@@ -64,7 +69,10 @@ def read_trc(path: Path | str) -> Found:
         told = (f"its head announces {about['numframes']:g} frames, there are {len(table)}",)
     time = table[:, 1] if np.isfinite(table[:, 1]).all() else None
     clock = Clock(about.get("datarate"), time, 1.0)
-    return Found(joints, tuple(names), None, clock, "the joint centres of its table", told=told)
+    return Found(
+        joints, tuple(names), None, clock, "the joint centres of its table", told=told,
+        by_name=named.layout,
+    )  # fmt: skip
 
 
 def _about(path: Path | str, lines: list[tuple[int, str]]) -> dict[str, float]:

@@ -10,17 +10,21 @@ from pathlib import Path
 
 from s3le.errors import EngineError
 
+SHARDS = "its finished shards are kept"
 PATIENCE = 10.0  # [s]; a process that was just told to stop needs a moment to go
 
 
 @contextlib.contextmanager
-def held(path: Path, what: str, patience: float = PATIENCE) -> Iterator[None]:
+def held(
+    path: Path, what: str, patience: float = PATIENCE, kept: str = ""
+) -> Iterator[None]:
     """Hold the lock at path while the block runs; the kernel frees it however the process ends.
 
     Args:
         path: lock file; made if need be, never removed.
         what: what is locked, for the message.
         patience: how long to wait for another holder [s].
+        kept: what of the other's work is not lost if it is stopped, for the message.
 
     Raises:
         EngineError: another process holds it; names that process.
@@ -39,8 +43,8 @@ def held(path: Path, what: str, patience: float = PATIENCE) -> Iterator[None]:
                 handle.seek(0)
                 holder = handle.read().strip() or "another process"
                 raise EngineError(
-                    f"{what} is being written by {holder}; wait for it to end or stop it "
-                    "(its finished shards are kept), then run again"
+                    f"{what} is being written by {holder}; wait for it to end or stop it"
+                    f"{f' ({kept})' if kept else ''}, then run again"
                 ) from None
         handle.truncate(0)
         handle.write(f"process {os.getpid()} on {socket.gethostname()}")

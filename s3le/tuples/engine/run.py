@@ -56,7 +56,7 @@ def produce(
     vault = Vault(shelf, task, key.key(task, own))
     # A table has one writer, whatever its key: an older run that still lives would otherwise
     # put its rows where the new ones belong.
-    with lock.held(out.with_name(f".{out.name}.lock"), str(out)), vault.lock():
+    with lock.held(out.with_name(f".{out.name}.lock"), str(out), kept=lock.SHARDS), vault.lock():
         vault.open({"task": dict(task.about()), "made with": own})
         all_jobs = jobs(rows, task.shard_rows)
         have = {}

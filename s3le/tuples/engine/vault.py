@@ -70,7 +70,8 @@ class Vault:
 
     def lock(self, patience: float = lock.PATIENCE):
         """Context manager: be the only writer. Raises EngineError where another one is."""
-        return lock.held(self.folder / "lock", f"{self.table} ({self.folder.name})", patience)
+        what = f"{self.table} ({self.folder.name})"
+        return lock.held(self.folder / "lock", what, patience, lock.SHARDS)
 
     def find(self, job: Job, warn: Callable[[str], object]) -> Shard | None:
         """A finished shard, checked byte by byte against its record; None: to be made.
