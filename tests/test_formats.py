@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from worlds import ARMS_URDF, ARMS_YAML, MARGIN, ROBOTS, coman, edited, write_arms
 
 from s3le.cli.main import app
-from s3le.cli.retarget import Tool
+from s3le.cli.options import Tool
 from s3le.errors import ParameterError, RobotError, S3leError, TrajectoryError
 from s3le.human.rotation import about, from_quaternion
 from s3le.human.skeletons import read_frames
@@ -356,7 +356,7 @@ def test_where_a_corner_cannot_be_cut_even_rows_are_refused_with_the_place(monke
     it, time = coman(), np.arange(3) / 40
     q = np.repeat(it.anchor[None], 3, 0)
     unproven = type("Unproven", (), {"status": np.full(1, -1)})
-    monkeypatch.setattr("s3le.motion.rates.segments.certify", lambda *_: unproven)
+    monkeypatch.setattr("s3le.motion.rates.paths.certify", lambda *_: unproven)
     with pytest.raises(ParameterError, match=r"at an even 30 Hz 1 of .*, one at 0.0250 s; give a"):
         rates.evenly(it, time, q, 30.0, 0.0005)
     unproven.status = np.full(4, -1)
