@@ -301,7 +301,7 @@ def test_rate_and_lead_in_reach_the_file(tmp_path, retargeter):
 @pytest.mark.parametrize(
     ("options", "words", "status"),
     [
-        (["--robot", "nao"], "is for robot 'coman', not 'nao'", 2),
+        (["--robot", "nao"], "no robot 'nao'", 2),
         (["--rate", "5"], "rate must be in [30, 1000] Hz", 1),
         (["--lead-in", "-1"], "lead-in must be in", 1),
         (["--fps", "-3"], "fps must be in", 1),

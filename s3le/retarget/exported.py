@@ -206,6 +206,8 @@ def _settings(stored: Mapping, changed: Mapping) -> Settings:
     for name in changed:
         if name not in known:
             raise ParameterError(f"no setting '{name}'; there are: {', '.join(known)}")
+    if missing := [name for name in known if name not in stored]:
+        raise KeyError(f"settings.{missing[0]}")  # a default would stand in for it unseen
     return Settings(**(dict(stored) | dict(changed)))
 
 

@@ -22,10 +22,9 @@ def named(name: str, folders: tuple[Path, ...] = (OWN,)) -> Path:
         file = folder / f"{name}.yaml"
         if Path(name).name == name and file.is_file():
             return file
-    there = sorted({file.stem for folder in places for file in folder.glob("*.yaml")})
     raise RobotError(
         f"there is no robot '{name}': give a folder with settings.json, a robot file (.yaml), or "
-        f"one of: {', '.join(there) or 'none here'}"
+        f"one of: {', '.join(listed())}"
     )
 
 
