@@ -58,7 +58,7 @@ APART = [
     ("s3le/safety/", {"torch", "matplotlib"}),
     ("s3le/search/", {"torch", "polars", "matplotlib"}),
     ("s3le/human/", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
-    ("s3le/report/", {"torch", "numba", "pinocchio", "coal"}),
+    ("s3le/report/", {"torch", "pinocchio", "coal"}),
     ("s3le/tuples/", {"torch", "matplotlib"}),
     ("s3le/tuples/engine/", {"torch", "pinocchio", "coal", "matplotlib"}),
     ("s3le/retarget/", {"torch", "matplotlib", "ray"}),

@@ -17,11 +17,8 @@ from s3le.kernels import batch
 from s3le.motion import files, trajectory
 from s3le.robot import model
 from s3le.robot.posing import Nearness, Poser
-from s3le.show import human, motions, pace, raster, solid, visual
+from s3le.show import human, motions, pace, visual
 from s3le.show.viewer.player import Player
-
-FAST = solid.Painter(raster.rays, raster.shadow, 2)
-SLOW = solid.PLAIN._replace(fine=2)
 
 
 def wave(folder, frames=30, by=3.0):
@@ -251,24 +248,6 @@ def test_meshes_may_come_from_the_urdf_that_a_robot_was_made_of(tmp_path):
 
 def test_coman_has_no_meshes():
     assert visual.visuals(coman()) == []
-
-
-# --- the rays
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_compiled_rays_draw_the_same_picture(seed):
-    rng = np.random.default_rng(seed)
-    ends = rng.normal(0, 0.25, (20, 2, 3))
-    ends[3, 1] = ends[3, 0]  # a ball
-    radius, colours = rng.uniform(0.02, 0.12, 20), rng.uniform(0, 1, (20, 3))
-    view = solid.Camera(rng.uniform(-180, 180), rng.uniform(5, 89)).rotation()
-    box = solid.extent(ends, radius, view)
-    for inset in (-0.1, 0.15):  # all of it, and cut off at the edges
-        how = (colours, (box[0] + inset, box[3] - inset), 60, (70, 75), -0.9, view)
-        slow, fast = (solid.render(ends, radius, *how, painter) for painter in (SLOW, FAST))
-        assert np.abs(slow.astype(int) - fast).max() <= 1
-        assert len(np.unique(fast.reshape(-1, 3), axis=0)) > 50
 
 
 # --- playing
