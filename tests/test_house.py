@@ -24,6 +24,8 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "coal": ("s3le/robot/", "s3le/onboard/", "s3le/show/visual.py"),
     "scipy": ("s3le/onboard/",),
     "numba": ("s3le/kernels/", "s3le/safety/", "s3le/search/", "s3le/retarget/"),
+    "pooch": ("s3le/human/fetch.py",),
+    "requests": ("s3le/human/fetch.py",),
     "torch": (
         *(
             f"s3le/learn/{file}.py"

@@ -142,7 +142,6 @@ def cmu(
     splits: tuple[str, ...] = SPLITS,
     tries: int = 4,
     timeout: float = 30.0,
-    wait: float = 0.5,
 ) -> Sources:
     """Trials of CMU's motion capture database, each .amc beside its subject's .asf.
 
@@ -157,7 +156,6 @@ def cmu(
         splits: take only these.
         tries: requests for each file before giving up.
         timeout: of a connection and of every read [s].
-        wait: before the second try [s]; doubles with each.
 
     Raises:
         FetchError: names the trials that cannot be had, why, and what to do; with "skip"
@@ -172,7 +170,7 @@ def cmu(
     columns = ("trial", "description", "fps", "split", "sha256", "asf_sha256")
     rows = [row for row in manifests.manifest(manifest, columns) if row["split"] in splits]
     remote = str(base).startswith(("http://", "https://"))
-    patience = {"tries": tries, "timeout": timeout, "wait": wait}
+    patience = {"tries": tries, "timeout": timeout}
     found, lost, gone = [], {}, ""
     for row in rows:
         trial, subject = row["trial"], row["trial"].partition("_")[0]
