@@ -46,6 +46,8 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "trimesh": ("s3le/show/viewer/",),
     "av": ("s3le/show/movie.py", "s3le/video/decode.py"),
     "mediapipe": ("s3le/video/worker.py",),
+    "jinja2": ("s3le/report/document.py",),
+    "markupsafe": ("s3le/report/embed.py",),
     "PIL": ("s3le/show/movie.py", "s3le/report/embed.py"),
     "ruamel": ("s3le/store/yaml.py",),
     "ray": ("s3le/tuples/engine/cluster.py",),
@@ -122,6 +124,12 @@ def test_dvc_yaml_lists_the_code_that_a_stage_runs_and_no_room_of_which_it_uses_
 ):
     code = [d for d in listed(stage, "deps") if d.startswith(("s3le", "pipeline"))]
     assert code == code_of(stage)
+
+
+def test_an_edit_of_a_template_writes_the_page_anew():
+    found = [path.relative_to(ROOT) for path in (ROOT / "s3le").rglob("*.j2")]
+    assert found and all("s3le/report" in map(str, path.parents) for path in found)
+    assert "s3le/report" in listed("report", "deps")
 
 
 @pytest.mark.parametrize("stage", sorted(STAGES.keys() - {"train"}))

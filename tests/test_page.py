@@ -15,7 +15,7 @@ from PIL import Image
 from ruamel.yaml import YAML
 
 from s3le.errors import FilmError, ParameterError, TableError
-from s3le.report import bars, cells, curves, embed, html, look, page, parameters, records
+from s3le.report import bars, cells, curves, document, embed, parameters, records
 from s3le.show import style, svg
 
 ROOT = Path(__file__).parents[1]
@@ -57,7 +57,7 @@ class Reader(HTMLParser):
 
 
 def page_of(tree, training=None, figures=None, **more) -> str:
-    return page.page(tree, training or {}, figures or {}, **more)
+    return document.page(tree, training or {}, figures or {}, **more)
 
 
 def row_of(text: str, start: str, after: str = "") -> list[str]:
@@ -137,6 +137,20 @@ def pictures(tmp_path_factory):
 
 
 # --- what it says
+
+
+def test_page_shows_every_pool_by_every_metric():
+    def cell(model, pool, metric, far):
+        return {"split": "test", "model": model, "pool": pool, "metric": metric, "stored": 1008,
+                "frames": 5, "to_truth": far, "to_human": far}  # fmt: skip
+
+    rows = [cell("skeleton", "pairs", "l2", 0.05), cell("lwl2", "pairs", "l2", 0.134),
+            cell("lwl2", "pairs", "mahalanobis", 0.128), cell("lwl2", "all", "l2", 0.109)]
+    text = page_of(metrics(), grid=rows)
+    assert row_of(text, "nearest skeleton, pairs") == ["0.050", "-", "1,008"]
+    assert row_of(text, "LWL2, pairs") == ["0.134", "0.128", "1,008"]
+    assert row_of(text, "LWL2, all")[:2] == ["0.109", "-"]
+    assert "Which pool, which distance" not in page_of(metrics())
 
 
 def test_page_holds_the_numbers_it_was_given():
@@ -311,7 +325,7 @@ def test_times_say_on_which_machine_and_whether_of_this_robot():
         ("[" * 100_000, "is not JSON"),
         ("[]", "holds no JSON object"),
         ("{}", "format must be 1"),
-        (json.dumps(latency(robot=3)), "'machine' must be text"),
+        (json.dumps(latency(machine=3)), "'machine' must be text"),
         (json.dumps(latency(pairs=-1)), "'pairs' must be a count"),
         (json.dumps(latency(rows=[])), "'rows' must be a list"),
         (json.dumps(latency(rows=[{"part": "x", "calls": 1, "us_p50": 2, "us_p99": 1,
@@ -389,11 +403,10 @@ def test_the_video_figure_is_shown_with_its_words_and_numbers(tmp_path, pictures
 
 
 def test_text_is_escaped_by_construction():
-    made = html.tag("p", "<b>&", html.words("*a* `c` {}", "*x* <i>"), class_='"')
-    assert made == (
-        '<p class="&quot;">&lt;b&gt;&amp;<em>a</em> <code>c</code> *x* &lt;i&gt;</p>'
-    )
-    assert html.text("a\u202eb\ud800\x00") == "a\ufffdb\ufffd\ufffd"
+    odd = '"<b>& *a* {{ 1 }} a\u202eb\ud800\x00'
+    text = page_of({"run": {"clips": odd}}, figures={odd: embed.Media(b"", 1, 1, drawn=False)})
+    shown = "&lt;b&gt;&amp; *a* {{ 1 }} a\ufffdb\ufffd\ufffd"
+    assert f"<td>&#34;{shown}</td>" in text and f'alt="&#34;{shown}"' in text
 
 
 def test_hostile_names_stay_words():
@@ -407,7 +420,7 @@ def test_hostile_names_stay_words():
     text = page_of(
         tree, {HOSTILE: [{"step": 1, HOSTILE: 1.0}]}, motions=rows, unwatched=[(HOSTILE,) * 4],
         knobs=[parameters.Parameter(HOSTILE, HOSTILE, HOSTILE)],
-        latency=latency(robot=HOSTILE, settings={HOSTILE: 1}, modes={HOSTILE: 0.5}),
+        latency=latency(machine=HOSTILE, settings={HOSTILE: 1}, modes={HOSTILE: 0.5}),
         robot_tag=HOSTILE,
     )  # fmt: skip
     text.encode("utf-8")
@@ -464,7 +477,7 @@ def contrast(a: str, b: str) -> float:
 
 def test_every_colour_of_a_chart_is_seen_on_dark_paper():
     paper = svg.DARK["#ffffff"]
-    assert f"--paper: {paper}" in look.sheet()
+    assert f"--paper: {paper}" in page_of({})
     used = {*style.COLOURS.values(), *style.SPARE, style.INK, style.QUIET, style.ALARM}
     used |= {colour for _, colour, _ in curves.TERMS.values()}
     for colour in used:

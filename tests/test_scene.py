@@ -12,6 +12,7 @@ from worlds import ARMS_URDF, coman, relaxed, write_arms
 
 from s3le.errors import ClipError, ParameterError, RobotError, TrajectoryError
 from s3le.human.keypoints.how import How
+from s3le.human.origin import about_clip
 from s3le.human.skeletons import read_frames
 from s3le.kernels import batch
 from s3le.motion import files, trajectory
@@ -84,7 +85,7 @@ def test_labels_differ_however_alike_the_names_are(tmp_path):
 
 def test_a_motion_finds_its_human_also_after_both_have_moved(tmp_path):
     clip = wave(tmp_path / "one")
-    about = motions.about_clip(clip, tmp_path / "one") | {"clip_time_offset_s": 0.5}
+    about = about_clip(clip, tmp_path / "one") | {"clip_time_offset_s": 0.5}
     shown = moving(tmp_path / "one", about=about)
     assert motions.recorded_clip(shown)[0].samefile(clip) and not motions.recorded_clip(shown)[1]
     (tmp_path / "one").rename(tmp_path / "two")
@@ -106,7 +107,7 @@ def test_a_human_of_keypoints_is_read_as_it_was_for_the_motion(tmp_path):
     clip = tmp_path / "two.npz"
     np.savez(clip, joints=people, fps=30.0)
     first, second = (read_frames(clip, "midpoint", how=How(person=i)) for i in (0, 1))
-    about = motions.about_clip(clip, tmp_path) | second.reading.how.about()
+    about = about_clip(clip, tmp_path) | second.reading.how.about()
     shown = moving(tmp_path, about=about)
     np.testing.assert_array_equal(motions.human(clip, shown).x, second.x)
     np.testing.assert_array_equal(motions.human(clip, shown, How(person=0)).x, first.x)

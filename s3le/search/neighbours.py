@@ -22,7 +22,7 @@ from s3le.search import graph as graphs
 from s3le.search.exact import scan
 from s3le.search.graph import Graph, walk_to
 from s3le.search.metrics import METRICS, normalised
-from s3le.store.tables import replace
+from s3le.store.atomic import replace
 from s3le.types import Progress
 
 WIDTH = 64  # rows that a walk keeps: more find more, in proportionally more time

@@ -78,13 +78,32 @@ def read_npy(path: Path, error: type[S3leError], most: int) -> np.ndarray:
         return _array(str(path), stream, size, error, None)
 
 
+def pickled(path: Path, error: type[S3leError], most: int) -> bytes | None:
+    """The pickle of a file whose array holds objects, as bytes; None: it holds no objects.
+
+    Raises:
+        error: no array of numpy's, or longer than most.
+    """
+    with _refusing(f"{path} is no array of numpy's", error), path.open("rb") as stream:
+        if not _header(stream)[2].hasobject:
+            return None
+        data = stream.read(most + 1)
+    if len(data) > most:
+        raise error(f"{path}: holds more than {_size(most)}")
+    return data
+
+
+def _header(stream: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, order and type; the stream then stands behind it."""
+    return _HEADERS[npy.read_magic(stream)](stream, max_header_size=LONGEST_HEADER)
+
+
 def _array(
     name: str, stream: BinaryIO, size: int, error: type[S3leError], closed: list[str] | None
 ) -> np.ndarray | None:
     """One .npy, held to its own header before memory is asked for; None: it stays closed."""
     with _refusing(f"{name} is no array of numpy's", error):
-        header = _HEADERS[npy.read_magic(stream)]
-        shape, _, dtype = header(stream, max_header_size=LONGEST_HEADER)
+        shape, _, dtype = _header(stream)
         if dtype.kind not in _PLAIN or dtype.shape:
             if closed is not None:
                 return None
