@@ -293,7 +293,7 @@ def test_a_shadow_lies_below_a_body_and_fades_with_its_height():
 
 def test_stick_figure_follows_the_skeleton(coman):
     x = coman[0][0]
-    ends, radius, colours = human.stick_figure(x)
+    (ends,), radius, colours = human.stick_figures(x[None])
     assert len(ends) == len(radius) == len(colours)
     trunk, *_ = (e for e, c in zip(ends, colours, strict=True) if c == human.MIDDLE)
     np.testing.assert_allclose(trunk[1] - trunk[0], human.TRUNK * x[:3], atol=1e-12)

@@ -137,8 +137,8 @@ def test_a_human_has_the_directions_it_was_given_and_the_lengths_of_whom_it_is_l
     assert made.ends.shape == (5, len(made.radius), 2, 3)
     trunk = made.ends[:, made.colours.index(human.MIDDLE)]
     np.testing.assert_allclose(trunk[:, 1] - trunk[:, 0], 0.3 * x[:, :3], atol=1e-12)
-    one = human.stick_figure(x[3])
-    np.testing.assert_allclose(human.stick_figures(x).ends[3], one[0], atol=1e-15)
+    one = human.stick_figures(x[3:4])
+    np.testing.assert_allclose(human.stick_figures(x).ends[3], one.ends[0], atol=1e-15)
     with pytest.raises(ParameterError, match=r"\(n, 21\)"):
         human.stick_figures(x[:, :20])
 
