@@ -14,7 +14,8 @@ import typer
 
 from s3le.human.skeletons import read_frames
 from s3le.retarget.stream import Retargeter
-from s3le.show import motions, raster, rows, solid, strip
+from s3le.show import motions, rows, strip
+from s3le.show.camera import Camera
 from s3le.show.human import LEFT, MIDDLE, RIGHT
 from s3le.store import documents
 from s3le.video import convert, process
@@ -78,8 +79,8 @@ def main(
             told.row._replace(note=note, label=f"{name}, certified"),
         ],
         f"From a plain video: {path.name}",
-        camera=solid.Camera(camera, 14.0),
-        painter=solid.Painter(raster.rays, raster.shadow, 2),
+        camera=Camera(camera, 14.0),
+        fine=2,
         width=1400,
         photos=_photos(path, looked, seen),
     )

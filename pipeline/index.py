@@ -43,14 +43,14 @@ def main(name: str) -> None:
     names = pool.tables(name, params.with_pairs)
     robot = Robot.read(ROBOT)
     n_dof = robot.n_dof
-    tables = {
+    stored = {
         part: tables.read(
             TABLES[part](n_dof, robot.margin), DATA / PLACE[part], robot.tag, pool.columns(part)
         )
         for part in names
     }
     model = DATA / f"model-{entry.model}.safetensors" if entry.model else None
-    columns, latent = pool.stored(robot, entry, tables, model)
+    columns, latent = pool.stored(robot, entry, stored, model)
     table = index(n_dof, robot.margin, latent)
     # Between skeletons L2 is it: its square is 14 times the mean cosine distance.
     metric = {"s3le": params.metric_s3le, "lwl2": params.metric_lwl2}.get(entry.model, "l2")

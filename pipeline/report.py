@@ -7,7 +7,7 @@ from typing import ClassVar
 from pipeline.stage import PARAMS, knob, launch, read, say
 from s3le.human.tables import SKELETONS
 from s3le.learn import methods
-from s3le.report import bars, curves, embed, maps, page, parameters, records, spaces
+from s3le.report import bars, curves, document, embed, maps, parameters, records, spaces
 from s3le.robot.robot import Robot
 from s3le.show import strip
 from s3le.store import documents, tables
@@ -73,7 +73,7 @@ def main() -> None:
         "curves": "training.svg",
         "maps": "synthetic.png",
     }
-    text = page.page(
+    text = document.page(
         tree,
         histories,
         {name: embed.read(FIGURES / file) for name, file in pictures.items()},

@@ -3,9 +3,6 @@
 LONGEST = 4000  # characters of a refusal
 
 
-LONGEST = 4000  # characters of a refusal
-
-
 class S3leError(Exception):
     """Base of every error this project raises on purpose.
 

@@ -233,7 +233,7 @@ def test_one_edited_line_of_projection_code_is_another_key(tmp_path, monkeypatch
 def test_code_that_makes_no_row_is_not_in_the_key():
     files = {path.relative_to(key.ROOT).as_posix() for path in key.closure("s3le.tuples.shards")}
     assert {"s3le/kernels/solver.py", "s3le/robot/certificate.py", "s3le/rng.py"} <= files
-    assert not files & {"s3le/learn/training.py", "s3le/report/page.py", "s3le/human/bvh.py"}
+    assert not files & {"s3le/learn/training.py", "s3le/report/document.py", "s3le/human/bvh.py"}
 
 
 def test_a_worker_that_computes_with_something_else_is_named():

@@ -1,5 +1,6 @@
 import os
 
+import pooch
 import pytest
 from handmade import write
 from webserver import serving
@@ -7,7 +8,7 @@ from webserver import serving
 from s3le.errors import FetchError
 from s3le.human import fetch
 
-FAST = {"tries": 3, "wait": 0.01, "timeout": 5.0}
+FAST = {"tries": 3, "timeout": 5.0}
 
 
 @pytest.fixture
@@ -15,6 +16,14 @@ def server(monkeypatch):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
     with serving() as state:
         yield state
+
+
+@pytest.fixture(autouse=True)
+def naps(monkeypatch):
+    """How long it would have waited before each further try [s]."""
+    slept = []
+    monkeypatch.setattr(pooch.core.time, "sleep", slept.append)
+    return slept
 
 
 BODY = bytes(range(256)) * 1000
@@ -32,44 +41,32 @@ def test_a_file_arrives_whole_and_leaves_no_part(server, tmp_path):
     assert target.read_bytes() == BODY and os.listdir(target.parent) == ["file"]
 
 
-def test_a_dropped_connection_is_resumed_where_it_broke(server, tmp_path):
+def test_a_dropped_connection_is_tried_again_and_leaves_no_part(server, tmp_path):
     server.files["/file"], server.drop_after = BODY, [100_000, 50_000]
-    assert get(server, tmp_path).read_bytes() == BODY
-    assert [ask for _, ask in server.requests] == [None, "bytes=100000-", "bytes=150000-"]
+    target = get(server, tmp_path)
+    assert target.read_bytes() == BODY and os.listdir(target.parent) == ["file"]
+    assert len(server.requests) == 3
 
 
-def test_a_later_run_resumes_what_an_earlier_one_left(server, tmp_path):
+def test_a_file_cut_short_in_every_try_is_refused_and_what_was_there_is_gone(server, tmp_path):
     server.files["/file"], server.drop_after = BODY, [1000, 1000, 1000]
-    with pytest.raises(FetchError, match="cut short, 3000 of 256000 bytes .in 3 tries"):
+    write(tmp_path / "deep" / "file", b"damaged")
+    with pytest.raises(FetchError, match="1000 bytes read, 255000 more expected.* .in 3 tries"):
         get(server, tmp_path)
-    assert os.listdir(tmp_path / "deep") == ["file.part"]
-    assert get(server, tmp_path).read_bytes() == BODY
-    assert server.requests[-1][1] == "bytes=3000-"
-
-
-def test_a_server_that_ignores_ranges_sends_it_all_again(server, tmp_path):
-    server.files["/file"], server.drop_after, server.ranges = BODY, [100_000], False
+    assert os.listdir(tmp_path / "deep") == [] and len(server.requests) == 3
     assert get(server, tmp_path).read_bytes() == BODY
 
 
-def test_a_server_that_sends_another_range_is_not_believed(server, tmp_path):
-    server.files["/file"], server.drop_after = BODY, [100_000]
-    server.content_range = "bytes 7-255999/256000"
-    assert get(server, tmp_path).read_bytes() == BODY
-    assert [ask for _, ask in server.requests] == [None, "bytes=100000-", None]
-
-
-def test_a_part_longer_than_the_file_is_thrown_away(server, tmp_path):
+def test_a_file_in_place_is_replaced(server, tmp_path):
     server.files["/file"] = BODY
-    write(tmp_path / "deep" / "file.part", BODY + b"more")
+    write(tmp_path / "deep" / "file", b"damaged")
     assert get(server, tmp_path).read_bytes() == BODY
 
 
-def test_a_part_of_another_file_does_not_survive_the_check(server, tmp_path):
-    server.files["/file"] = BODY
-    write(tmp_path / "deep" / "file.part", b"x" * 1000)
-    right = get(server, tmp_path, lambda part: "" if part.read_bytes() == BODY else "wrong")
-    assert right.read_bytes() == BODY
+def test_tries_are_further_and_further_apart(server, tmp_path, naps):
+    server.files["/file"], server.status = BODY, [503, 503]
+    get(server, tmp_path)
+    assert naps == [1, 2]
 
 
 def test_a_whole_file_that_fails_its_check_is_refused_at_once(server, tmp_path):

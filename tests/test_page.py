@@ -15,7 +15,7 @@ from PIL import Image
 from ruamel.yaml import YAML
 
 from s3le.errors import FilmError, ParameterError, TableError
-from s3le.report import bars, cells, curves, embed, html, look, page, parameters, records
+from s3le.report import bars, cells, curves, document, embed, parameters, records
 from s3le.show import style, svg
 
 ROOT = Path(__file__).parents[1]
@@ -57,7 +57,7 @@ class Reader(HTMLParser):
 
 
 def page_of(tree, training=None, figures=None, **more) -> str:
-    return page.page(tree, training or {}, figures or {}, **more)
+    return document.page(tree, training or {}, figures or {}, **more)
 
 
 def row_of(text: str, start: str, after: str = "") -> list[str]:
@@ -403,11 +403,10 @@ def test_the_video_figure_is_shown_with_its_words_and_numbers(tmp_path, pictures
 
 
 def test_text_is_escaped_by_construction():
-    made = html.tag("p", "<b>&", html.words("*a* `c` {}", "*x* <i>"), class_='"')
-    assert made == (
-        '<p class="&quot;">&lt;b&gt;&amp;<em>a</em> <code>c</code> *x* &lt;i&gt;</p>'
-    )
-    assert html.text("a\u202eb\ud800\x00") == "a\ufffdb\ufffd\ufffd"
+    odd = '"<b>& *a* {{ 1 }} a\u202eb\ud800\x00'
+    text = page_of({"run": {"clips": odd}}, figures={odd: embed.Media(b"", 1, 1, drawn=False)})
+    shown = "&lt;b&gt;&amp; *a* {{ 1 }} a\ufffdb\ufffd\ufffd"
+    assert f"<td>&#34;{shown}</td>" in text and f'alt="&#34;{shown}"' in text
 
 
 def test_hostile_names_stay_words():
@@ -478,7 +477,7 @@ def contrast(a: str, b: str) -> float:
 
 def test_every_colour_of_a_chart_is_seen_on_dark_paper():
     paper = svg.DARK["#ffffff"]
-    assert f"--paper: {paper}" in look.sheet()
+    assert f"--paper: {paper}" in page_of({})
     used = {*style.COLOURS.values(), *style.SPARE, style.INK, style.QUIET, style.ALARM}
     used |= {colour for _, colour, _ in curves.TERMS.values()}
     for colour in used:

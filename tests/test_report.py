@@ -12,7 +12,7 @@ from s3le.errors import ParameterError
 from s3le.report import bars, curves, growth, maps, spaces
 from s3le.robot import model
 from s3le.robot.certificate import placements
-from s3le.show import figures, human, solid, strip, style
+from s3le.show import camera, figures, human, raster, strip, style
 from s3le.store import atomic
 
 ROOT = Path(__file__).parents[1]
@@ -181,11 +181,11 @@ def test_curves_take_odd_input(tmp_path, histories):
     assert min(size_of(tmp_path / "a.png")) > 200
 
 
-# --- solids
+# --- bodies
 
 
 def test_camera_is_a_rotation_and_sees_the_front_from_its_left_and_above():
-    turn = solid.camera()
+    turn = camera.camera()
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
     x, y, z = turn.T  # where forward, left and up point in the picture
@@ -199,7 +199,8 @@ def test_ray_hits_a_capsule_where_the_nearest_of_many_balls_is():
         a, b = rng.normal(0, 0.3, (2, 3))
         r = rng.uniform(0.05, 0.2)
         u, v = np.linspace(-0.7, 0.7, 23), np.linspace(0.7, -0.7, 19)
-        depth, normal = solid._hit(a, b, r, u, v)
+        depth, body = np.full((19, 23), -np.inf), np.full((19, 23), -1, np.int32)
+        raster._cast(np.array([[a, b]]), np.array([r]), u, v, depth, body)
         centres = a + np.linspace(0, 1, 2001)[:, None] * (b - a)
         gap = (
             r**2 - (u[None, :, None] - centres[:, 0]) ** 2 - (v[:, None, None] - centres[:, 1]) ** 2
@@ -207,19 +208,19 @@ def test_ray_hits_a_capsule_where_the_nearest_of_many_balls_is():
         slow = np.where(gap >= 0, centres[:, 2] + np.sqrt(np.maximum(gap, 0)), -np.inf).max(axis=2)
         both = np.isfinite(depth) & np.isfinite(slow)
         assert (np.isfinite(depth) == np.isfinite(slow)).mean() > 0.99  # rims may differ
+        assert (np.isfinite(depth) == (body == 0)).all()
         # [m] the row of balls is a little inside the capsule, most where a ray grazes it
         assert np.all(depth[both] >= slow[both] - 1e-9)
         assert np.median(np.append(depth[both] - slow[both], 0.0)) < 1e-4
-        np.testing.assert_allclose(np.linalg.norm(normal[both], axis=-1), 1.0, atol=1e-6)
 
 
 def test_nearer_body_hides_the_farther_one():
-    towards = solid.camera()[2]
+    towards = camera.camera()[2]
     ends = np.array([[towards * 0.5] * 2, [towards * -0.5] * 2])
     red, green = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
     for order in (slice(None), slice(None, None, -1)):
         colours = np.array([red, green])[order]
-        picture = solid.render(
+        picture = camera.render(
             ends[order], np.array([0.2, 0.2]), colours, (-0.3, 0.3), 100, (60, 60)
         )
         centre = picture[30, 30].astype(int)
@@ -229,8 +230,62 @@ def test_nearer_body_hides_the_farther_one():
 
 def test_body_outside_the_picture_is_left_out():
     far = np.full((1, 2, 3), 50.0)
-    picture = solid.render(far, np.array([0.1]), np.array([[1.0, 0, 0]]), (0.0, 0.0), 50, (20, 30))
+    one = np.array([0.1]), np.array([[1.0, 0, 0]])
+    picture = camera.render(far, *one, (0.0, 0.0), 50, (20, 30))
     assert picture.shape == (20, 30, 3) and (picture == 255).all()
+
+
+def ball(fine=1, at=((0.0, 0.0, 0.0),), radius=0.2, size=80):
+    """Colour and cover (size, size) of grey balls; the first is in the middle."""
+    ends = np.repeat(np.array(at)[:, None], 2, 1)
+    how = np.full((len(ends), 3), 0.5), (-0.4, 0.4), size / 0.8, (size, size), fine
+    colour, cover = raster.rays(ends, np.full(len(ends), radius), *how)
+    return colour[..., 0], cover[..., 0]
+
+
+def test_a_ball_is_lit_from_above_and_the_left_and_has_a_dark_rim():
+    colour, cover = ball()
+    x = (np.arange(80) + 0.5) / 100 - 0.4
+    away = np.hypot(x[None], x[:, None])
+    assert ((cover == 1) == (away < 0.2)).all() and (colour[cover == 0] == 0).all()
+    inside = np.where(away < 0.17, colour, 0.0)
+    row, column = np.unravel_index(inside.argmax(), inside.shape)
+    brightest = np.array([x[column], -x[row]])  # rows count from the top
+    light = np.array([-0.50, 0.72])
+    turned = brightest @ light / np.linalg.norm(brightest) / np.linalg.norm(light)
+    assert turned > 0.98 and 0.06 < np.linalg.norm(brightest) < 0.15
+    rim = (away > 0.19) & (away < 0.2)
+    assert colour[rim].mean() < 0.3 * colour[40, 40]
+
+
+def test_finer_rays_soften_the_edge_and_keep_the_area():
+    (_, plain), (_, fine) = ball(1), ball(4)
+    area = np.pi * 0.2**2 * 100**2  # [pixels]
+    assert set(np.unique(plain)) == {0.0, 1.0} and len(np.unique(np.round(fine * 16))) > 8
+    assert abs(fine.sum() - area) < 0.003 * area and abs(plain.sum() - area) < 0.02 * area
+
+
+def test_a_crevice_is_darker_than_the_same_place_without_the_nearer_neighbour():
+    alone, _ = ball()
+    both, _ = ball(at=((0.0, 0.0, 0.0), (0.25, 0.0, 0.3)))
+    beside = np.s_[35:45, 41:44]  # between the middle and the nearer ball's rim
+    assert (both[beside] < 0.95 * alone[beside]).all()
+    assert both[40, 25] == pytest.approx(alone[40, 25], abs=0.02)
+
+
+def test_a_shadow_lies_below_a_body_and_fades_with_its_height():
+    view = camera.camera()
+    at = np.array([[[0.0, 0.0, 0.1]] * 2])
+    u, v = np.linspace(-1, 1, 81), np.linspace(1, -1, 81)
+
+    def lost(height):
+        return raster.shadow(at + [0, 0, height], np.array([0.1]), 0.0, u, v, view)
+
+    resting, above, far = lost(0.0), lost(0.1), lost(1.0)
+    row, column = np.unravel_index(resting.argmax(), resting.shape)
+    assert abs(u[column]) < 0.1 and abs(v[row]) < 0.1  # where the floor below it is seen
+    assert resting.max() == pytest.approx(0.34) and 0.1 < above.max() < 0.2 and far.max() == 0.0
+    assert resting[0, 0] == resting[-1, -1] == 0.0
 
 
 # --- strip
@@ -238,7 +293,7 @@ def test_body_outside_the_picture_is_left_out():
 
 def test_stick_figure_follows_the_skeleton(coman):
     x = coman[0][0]
-    ends, radius, colours = human.stick_figure(x)
+    (ends,), radius, colours = human.stick_figures(x[None])
     assert len(ends) == len(radius) == len(colours)
     trunk, *_ = (e for e, c in zip(ends, colours, strict=True) if c == human.MIDDLE)
     np.testing.assert_allclose(trunk[1] - trunk[0], human.TRUNK * x[:3], atol=1e-12)

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from s3le.cli import shell
 from s3le.cli.main import app
+from s3le.human.origin import about_clip
 from s3le.show import motions, pace
 
 ROOT = Path(__file__).parents[1]
@@ -29,7 +30,7 @@ def run(*words):
 def walk(tmp_path):
     """A motion that knows its clip."""
     clip = wave(tmp_path)
-    return moving(tmp_path, about=motions.about_clip(clip, tmp_path)).path
+    return moving(tmp_path, about=about_clip(clip, tmp_path)).path
 
 
 def picture(path):
@@ -173,7 +174,7 @@ def served(tmp_path_factory):
     pytest.importorskip("viser")
     folder = tmp_path_factory.mktemp("served")
     clip = wave(folder, by=0.0)  # the human stands, so what moves is the robot
-    walk = moving(folder, about=motions.about_clip(clip, folder)).path
+    walk = moving(folder, about=about_clip(clip, folder)).path
     with browser.serving(walk, *ROBOT) as found:
         yield found
 

@@ -22,7 +22,7 @@ from s3le.human.read import read_clip
 
 ROW = [0.0] * 12
 ASF, AMC = asf().encode(), amc({}, {}, {}).encode()
-FAST = {"tries": 3, "wait": 0.01, "timeout": 5.0}
+FAST = {"tries": 3, "timeout": 5.0}
 
 
 def digest(data):
@@ -35,6 +35,7 @@ def digest(data):
 @pytest.fixture
 def server(monkeypatch):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
+    monkeypatch.setattr("pooch.core.time.sleep", lambda _: None)
     with serving() as state:
         yield state
 
@@ -83,7 +84,9 @@ def test_only_the_splits_wanted_are_fetched(server, tmp_path, manifest):
     assert len(server.requests) == 2
 
 
-def test_a_gzipped_mirror_serves_as_well_and_a_cut_file_is_resumed(server, tmp_path, manifest):
+def test_a_gzipped_mirror_serves_as_well_and_a_cut_file_is_fetched_again(
+    server, tmp_path, manifest
+):
     serve_all(server)
     packed = gzip.compress(AMC, mtime=0)
     del server.files["/subjects/01/01_01.amc"]
@@ -92,7 +95,7 @@ def test_a_gzipped_mirror_serves_as_well_and_a_cut_file_is_resumed(server, tmp_p
     found = sources.cmu(manifest, tmp_path / "c", server.base, **FAST)
     assert found.clips[0].path.name == "01_01.amc.gz"
     assert found.clips[0].path.read_bytes() == packed
-    assert ("/subjects/01/01_01.amc.gz", f"bytes={len(packed) // 2}-") in server.requests
+    assert server.requests.count("/subjects/01/01_01.amc.gz") == 2
     assert len(read_clip(found.clips[0].path).points) == 3
 
 

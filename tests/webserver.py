@@ -1,6 +1,5 @@
 """A web server on this machine that misbehaves on request."""
 
-import re
 import threading
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -13,8 +12,6 @@ class Server:
         self.files, self.requests = {}, []
         self.drop_after = []  # bytes to send before hanging up, one for each answer
         self.status = []  # statuses to answer with, one for each request
-        self.ranges = True
-        self.content_range = None
         self.lengths = True
 
 
@@ -25,7 +22,7 @@ def serving():
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self):  # noqa: N802
-            state.requests.append((self.path, self.headers.get("Range")))
+            state.requests.append(self.path)
             status = state.status.pop(0) if state.status else 200
             body = state.files.get(self.path)
             if body is None and status == 200:
@@ -33,23 +30,12 @@ def serving():
             if status != 200:
                 self.send_error(status)
                 return
-            total, begin = len(body), 0
-            asked = re.fullmatch(r"bytes=(\d+)-", self.headers.get("Range") or "")
-            if asked and state.ranges:
-                begin = int(asked[1])
-                if begin >= total:
-                    self.send_error(416)
-                    return
-                self.send_response(206)
-                span = state.content_range or f"bytes {begin}-{total - 1}/{total}"
-                self.send_header("Content-Range", span)
-            else:
-                self.send_response(200)
+            self.send_response(200)
             if state.lengths:
-                self.send_header("Content-Length", str(total - begin))
+                self.send_header("Content-Length", str(len(body)))
             self.end_headers()
-            keep = state.drop_after.pop(0) if state.drop_after else total
-            self.wfile.write(body[begin:][:keep])
+            keep = state.drop_after.pop(0) if state.drop_after else len(body)
+            self.wfile.write(body[:keep])
 
         def log_message(self, *_):
             pass

@@ -111,16 +111,10 @@ def _check(
     return kind == STRIP
 
 
-def _painter(fine: int):
-    from s3le.show import raster, solid
-
-    return solid.Painter(raster.rays, raster.shadow, fine)
-
-
 def _strip(loaded, out, frames, every, begin, end, angles, size) -> None:
     import numpy as np
 
-    from s3le.show import motions, rows, solid, strip
+    from s3le.show import camera, motions, rows, strip
 
     shown = loaded.motions
     first = min(one.trajectory.time[0] for one in shown) if begin is None else begin
@@ -145,12 +139,12 @@ def _strip(loaded, out, frames, every, begin, end, angles, size) -> None:
     how = {} if size is None else {"width": size}
     strip.draw(
         out, times, shown_rows, f"{names}: {labels}",
-        camera=solid.Camera(*angles) if angles else solid.USUAL, painter=_painter(3), **how,
+        camera=camera.Camera(*angles) if angles else camera.USUAL, **how,
     )  # fmt: skip
 
 
 def _film(loaded, out, fps, begin, end, angles, size) -> None:
-    from s3le.show import film, motions, movie, pace, rows, solid, style
+    from s3le.show import camera, film, motions, movie, pace, rows, style
 
     shown = loaded.motions
     times = motions.moments(shown, fps, begin, end, exact=True)
@@ -167,7 +161,7 @@ def _film(loaded, out, fps, begin, end, angles, size) -> None:
         with style.sheet():
             made = film.Film(
                 times, shown_rows, tracks, legend,
-                solid.Camera(*angles) if angles else solid.USUAL, size or 960, _painter(2),
+                camera.Camera(*angles) if angles else camera.USUAL, size or 960, fine=2,
             )  # fmt: skip
 
             def pictures():

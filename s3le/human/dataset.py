@@ -15,8 +15,6 @@ from s3le.human.sources import Sources
 from s3le.skeleton import POINTS, mirror_points
 from s3le.types import Progress
 
-BUILT_IN = ("demo", "cmu")
-
 
 class Frames(NamedTuple):
     """All frames of all clips, one a row."""

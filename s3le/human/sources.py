@@ -143,7 +143,6 @@ def cmu(
     splits: tuple[str, ...] = SPLITS,
     tries: int = 4,
     timeout: float = 30.0,
-    wait: float = 0.5,
 ) -> Sources:
     """Trials of CMU's motion capture database, each .amc beside its subject's .asf.
 
@@ -159,7 +158,6 @@ def cmu(
         splits: take only these.
         tries: requests for each file before giving up.
         timeout: of a connection and of every read [s].
-        wait: before the second try [s]; doubles with each.
 
     Raises:
         FetchError: names the trials that cannot be had, why, and what to do; with "skip"
@@ -175,7 +173,7 @@ def cmu(
     listed = manifests.manifest(manifest, columns, ("identity",))
     rows = [row for row in listed if row["split"] in splits]
     remote = str(base).startswith(("http://", "https://"))
-    patience = {"tries": tries, "timeout": timeout, "wait": wait}
+    patience = {"tries": tries, "timeout": timeout}
     found, lost, gone = [], {}, ""
     for row in rows:
         trial, subject = row["trial"], row["trial"].partition("_")[0]

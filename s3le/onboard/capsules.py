@@ -32,10 +32,6 @@ class Capsule(NamedTuple):
         length = float(np.linalg.norm(self.b - self.a))
         return np.pi * self.radius**2 * (length + 4.0 / 3.0 * self.radius)
 
-    def beyond(self, points: np.ndarray) -> float:
-        """How far the farthest of the points (n, 3) lies outside [m]; negative: inside."""
-        return float(_to_segment(points, self.a, self.b).max() - self.radius)
-
 
 class Fitted(NamedTuple):
     """A capsule and what it stands for."""

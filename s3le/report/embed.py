@@ -5,10 +5,10 @@ import io
 from pathlib import Path
 from typing import NamedTuple
 
+from markupsafe import Markup
 from PIL import Image
 
 from s3le.errors import FilmError
-from s3le.report.html import Html, scrolled, tag
 from s3le.show import svg
 
 WIDEST = 1800  # [pixels]; twice what a page gives a picture, for fine screens
@@ -23,6 +23,19 @@ class Media(NamedTuple):
     width: float  # [pixels]
     height: float
     drawn: bool  # an SVG that takes the page's colours
+
+    def element(self, name: str) -> Markup:
+        """The element of a drawing.
+
+        Args:
+            name: letters and hyphens; no other picture of the page has it.
+        """
+        return Markup(svg.inline(self.content.decode("utf-8"), name))
+
+    @property
+    def address(self) -> str:
+        """The address of a painted picture, which holds it."""
+        return f"data:image/webp;base64,{base64.b64encode(self.content).decode('ascii')}"
 
 
 def read(path: Path) -> Media:
@@ -64,30 +77,3 @@ def _bytes(path: Path) -> bytes:
     if len(data) > _LARGEST:
         raise FilmError(f"{path} is larger than {_LARGEST >> 20} MiB; make it smaller")
     return data
-
-
-def shown(media: Media, name: str, alt: str, narrowest: int) -> Html:
-    """A picture as an element of a page.
-
-    Args:
-        media: the picture.
-        name: letters and hyphens; no other picture of the page has it.
-        alt: what it shows, in words.
-        narrowest: below this width the picture scrolls in its box instead [CSS pixels].
-    """
-    least = f"min-width:{min(narrowest, round(media.width))}px"
-    if media.drawn:
-        least = f"min-width:{max(narrowest, round(0.8 * media.width))}px"
-        element = svg.inline(media.content.decode("utf-8"), name)
-        most = round(1.25 * media.width * 96 / 72)  # drawn in points, letters of 9 of them
-        start = tag("div", class_="drawn", role="img", aria_label=alt,
-                    style=f"{least};max-width:{most}px")  # fmt: skip
-        element = Html(start.removesuffix("</div>") + element + "</div>")
-    else:
-        data = base64.b64encode(media.content).decode("ascii")
-        element = tag(
-            "img", src=f"data:image/webp;base64,{data}", alt=alt, style=least,
-            width=media.width, height=media.height,
-        )  # fmt: skip
-    kind = "media" if media.drawn else "media painted"
-    return tag("div", scrolled(element, f"picture: {name}"), class_=kind)

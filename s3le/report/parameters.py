@@ -5,8 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from s3le.errors import ParameterError
-from s3le.report import html
-from s3le.report.html import Html, words
 from s3le.store import yaml
 
 _LINE = re.compile(r"( *)([A-Za-z_]\w*):((?:'[^']*'|\"[^\"]*\"|[^#'\"])*)(?:#\s*(.*))?")
@@ -62,21 +60,3 @@ def _sentences(text: str) -> dict[str, str]:
         else:
             last = None
     return found
-
-
-def section(parameters: list[Parameter]) -> Html:
-    """The folded table."""
-    rows = [
-        [html.tag("code", one.key), html.tag("code", one.value), one.sentence]
-        for one in parameters
-    ]
-    return html.folded(
-        f"All {len(rows)} parameters",
-        html.explained(
-            html.table(["key", "value", "what it is"], rows, numbers=False),
-            words(
-                "each key is one number or word of `params.yaml` that this run was made with; "
-                "`dvc params diff` lists those that differ from the last commit."
-            ),
-        ),
-    )

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s3le.show import solid, style
+from s3le.show import camera, style
 
 _SCALE = 420.0  # pixels per metre
 _COLOURS = {"trunk": "#9aa5b1", "right": "#D55E00", "left": "#0072B2"}
@@ -33,12 +33,13 @@ def draw(path: Path, shown: Shown) -> None:
         OSError: the disk refuses; whatever stood at path still stands.
     """
     with style.sheet():
-        left, right, low, high = solid.extent(shown.ends, shown.radius) + (-0.05, 0.05, -0.05, 0.05)
+        box = camera.extent(shown.ends, shown.radius)
+        left, right, low, high = box + (-0.05, 0.05, -0.05, 0.05)
         size = round((high - low) * _SCALE), round((right - left) * _SCALE)
         colours = np.array([_rgb(_COLOURS[kind]) for kind in shown.kinds])
         floor = float((shown.ends[..., 2] - shown.radius[:, None]).min())
         images = [
-            solid.render(shown.ends, shown.radius, tone, (left, high), _SCALE, size, floor)
+            camera.render(shown.ends, shown.radius, tone, (left, high), _SCALE, size, floor)
             for tone in (colours, colours + _FAINT * (1.0 - colours))
         ]
         lines = [row for note in shown.notes for row in textwrap.wrap(note, 150)]
@@ -64,13 +65,13 @@ def draw(path: Path, shown: Shown) -> None:
 
 
 def _lines(axes, shown: Shown) -> None:
-    camera = solid.camera()
-    centres = (shown.ends.mean(axis=1) @ camera.T)[:, :2]
+    view = camera.camera()
+    centres = (shown.ends.mean(axis=1) @ view.T)[:, :2]
     for a, b in shown.dropped:
         axes.plot(*centres[[a, b]].T, color=style.ALARM, lw=0.9, alpha=0.8)
         axes.plot(*centres[[a, b]].T, ".", color=style.ALARM, ms=3)
     for bone, name in zip(shown.bones, shown.names, strict=True):
-        flat = (bone @ camera.T)[:, :2]
+        flat = (bone @ view.T)[:, :2]
         colour = _COLOURS.get({"r": "right", "l": "left"}.get(_side(name), ""), style.INK)
         axes.annotate(
             "", xy=flat[1], xytext=flat[0],

@@ -4,7 +4,6 @@ It knows nothing of capsules nor of which pairs are watched. Only links that can
 each other, and neighbours (no other hull lies between the two in the tree), are left out.
 """
 
-import io
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +14,9 @@ import pinocchio as pin
 from s3le.errors import RobotError
 from s3le.robot.description import FARTHEST, LARGEST
 from s3le.robot.model import Geometry
+from s3le.store import npz
+
+MOST_BYTES = 1 << 28  # of all hulls, unpacked
 
 
 class Depths(NamedTuple):
@@ -110,14 +112,11 @@ def _arrays(file: Path, data: bytes | None) -> dict[str, np.ndarray]:
         if data is None:
             with file.open("rb") as stream:
                 data = stream.read(LARGEST + 1)
-        if len(data) > LARGEST:
-            raise RobotError(f"{file}: longer than the {LARGEST / 2**20:g} MiB of a file of hulls")
-        with io.BytesIO(data) as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise RobotError(f"{file}: not readable as hulls ({str(error)[:100]})") from None
-    except Exception as error:  # zipfile and zlib have errors of their own
-        raise RobotError(f"{file}: damaged ({str(error)[:100]}); write it again") from None
+    except OSError as error:
+        raise RobotError(f"{file}: not readable as hulls ({error.strerror})") from None
+    if len(data) > LARGEST:
+        raise RobotError(f"{file}: longer than the {LARGEST / 2**20:g} MiB of a file of hulls")
+    arrays = npz.read_npz(file, RobotError, MOST_BYTES, data=data)
     for name, corners in arrays.items():
         good = corners.ndim == 2 and corners.shape[1:] == (3,) and len(corners) > 3
         if not good or corners.dtype != np.float64 or not (np.abs(corners) <= FARTHEST).all():

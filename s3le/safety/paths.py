@@ -18,10 +18,9 @@ from s3le.errors import ParameterError
 from s3le.kernels.threads import workers
 from s3le.robot.robot import Robot
 from s3le.safety import segment
-from s3le.safety.segment import CERTIFIED, COLLIDES, UNDECIDED
+from s3le.safety.segment import CERTIFIED, COLLIDES, UNDECIDED  # noqa: F401  of Segments.status
 from s3le.safety.swept import swept
 
-STATUS = {CERTIFIED: "certified", COLLIDES: "collides", UNDECIDED: "undecided"}
 BUDGET = 200  # poses looked at between two given ones; benchmarks/segments.py needed 23 at most
 CHUNK = 64  # segments a worker takes at a time
 

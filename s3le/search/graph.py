@@ -20,6 +20,7 @@ import numpy as np
 from s3le.kernels.batch import CHUNK
 from s3le.kernels.compiled import compiled
 from s3le.kernels.threads import workers
+from s3le.search.exact import place
 from s3le.search.fetch import fetch
 from s3le.types import Progress
 
@@ -34,7 +35,6 @@ _FARTHEST = 46000.0  # between two codes; its square, with room for rounding, is
 _ROOM = 1.5  # the code reaches this many ranges across: half a range beyond either end
 _GROWTH = 0.02  # rows linked at once, of those linked before; they do not see each other
 _MOST = 4096  # rows linked at once
-_TILE = 512  # rows that an exact search sums at once
 
 
 class Graph(NamedTuple):
@@ -96,52 +96,13 @@ def walk_to(graph, scratch, z, rows, distances):
     found = 0
     for at in range(min(met, len(rows) + SPARE)):
         i = _row(scratch.keys[at])
-        found = _place(rows, distances, found, i, _square(graph.stored, i, z))
+        found = place(rows, distances, found, i, _square(graph.stored, i, z))
     if found < len(rows):
         found = 0
         for i in range(len(graph.stored)):
-            found = _place(rows, distances, found, i, _square(graph.stored, i, z))
+            found = place(rows, distances, found, i, _square(graph.stored, i, z))
     for at in range(found):
         distances[at] = np.sqrt(distances[at])
-    return found
-
-
-@compiled
-def scan(columns, z, absolute, rows, distances):
-    """The nearest stored rows by looking at all, as `walk_to` but exact.
-
-    Args:
-        columns: what is stored, one coordinate a line, float32 (d, n): a processor then works on
-            several rows at once, and sums each as look_up does.
-        z: the query, float32 (d,).
-        absolute: sum absolute differences, not squares.
-        rows, distances: see `walk_to`.
-    """
-    rows[:] = -1
-    distances[:] = np.inf
-    for j in range(len(z)):
-        if not np.isfinite(z[j]):
-            return 0
-    found = 0
-    total = np.empty(_TILE)
-    for first in range(0, columns.shape[1], _TILE):
-        count = min(_TILE, columns.shape[1] - first)
-        total[:] = 0.0
-        for j in range(len(z)):
-            column = columns[j, first : first + count]
-            at = np.float64(z[j])
-            if absolute:
-                for i in range(count):
-                    total[i] += abs(np.float64(column[i]) - at)
-            else:
-                for i in range(count):
-                    total[i] += (np.float64(column[i]) - at) ** 2
-        for i in range(count):
-            if total[i] < distances[len(rows) - 1]:
-                found = _place(rows, distances, found, first + i, total[i])
-    if not absolute:
-        for at in range(found):
-            distances[at] = np.sqrt(distances[at])
     return found
 
 
@@ -153,24 +114,6 @@ def _square(stored, i, z):
         diff = np.float64(stored[i, j]) - np.float64(z[j])
         total += diff * diff
     return total
-
-
-@compiled
-def _place(rows, distances, found, row, distance):
-    """Put a row where it belongs among the nearest; how many there are then."""
-    at = found
-    while at > 0 and (
-        distances[at - 1] > distance or (distances[at - 1] == distance and rows[at - 1] > row)
-    ):
-        if at < len(rows):
-            rows[at] = rows[at - 1]
-            distances[at] = distances[at - 1]
-        at -= 1
-    if at == len(rows):
-        return found
-    rows[at] = row
-    distances[at] = distance
-    return min(found + 1, len(rows))
 
 
 @compiled

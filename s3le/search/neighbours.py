@@ -19,7 +19,8 @@ import numpy as np
 
 from s3le.errors import ModelError, ParameterError
 from s3le.search import graph as graphs
-from s3le.search.graph import Graph, scan, walk_to
+from s3le.search.exact import scan
+from s3le.search.graph import Graph, walk_to
 from s3le.search.metrics import METRICS, normalised
 from s3le.store.atomic import replace
 from s3le.types import Progress
@@ -132,7 +133,7 @@ class Seeker:
     Attributes:
         rows: int64 (k,), the last answer, nearest first.
         distances: float64 (k,), theirs.
-        scratch: what kernels.graph.walk_to wants, for a caller that is itself compiled.
+        scratch: what search.graph.walk_to wants, for a caller that is itself compiled.
     """
 
     def __init__(self, index: Neighbours, k: int, width: int):
@@ -167,7 +168,8 @@ class Seeker:
     def _seek(self) -> int:
         if self._graph is not None:
             return walk_to(self._graph, self.scratch, self._z, self.rows, self.distances)
-        return scan(self._columns, self._z, self._metric == "l1", self.rows, self.distances)
+        one = self._z[None], self._metric == "l1", self.rows[None], self.distances[None]
+        return scan(self._columns, *one)[0]
 
 
 def build(

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from s3le.errors import ParameterError
-from s3le.show import solid
+from s3le.show.camera import extent
 from s3le.show.human import stick_figures
 from s3le.skeleton import DIM
 
@@ -111,10 +111,10 @@ def window(shown: list[Cells], view: np.ndarray | None = None, floor: bool = Tru
 
     Args:
         shown: the figures.
-        view: the camera's rotation (solid.camera); None: its usual one.
+        view: the camera's rotation (camera.camera); None: its usual one.
         floor: put a floor below the lowest of them.
     """
-    boxes = [solid.extent(c.ends[c.good], c.radius, view) for c in shown if c.good.any()]
+    boxes = [extent(c.ends[c.good], c.radius, view) for c in shown if c.good.any()]
     boxes = np.array(boxes or [_NOTHING])
     lowest = [c.lowest for c in shown if c.lowest is not None]
     return Window(

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from s3le.errors import ParameterError
-from s3le.show import solid, style
+from s3le.show import style
+from s3le.show.camera import Camera, render
 from s3le.show.figures import Cells, Row, check, window
 from s3le.show.human import stand
 
@@ -39,9 +40,9 @@ class Film:
         rows: list[Row],
         tracks: list[Track],
         legend: list[tuple[str, str]],
-        camera: solid.Camera,
+        camera: Camera,
         width: int,
-        painter: solid.Painter,
+        fine: int,
     ) -> None:
         """Lay out the pictures.
 
@@ -52,7 +53,7 @@ class Film:
             legend: words and colours that explain the tracks.
             camera: where all are seen from.
             width: of a picture [pixels]; made even, as films want it.
-            painter: what casts the rays.
+            fine: rays per pixel and direction.
 
         Raises:
             ParameterError: there is no moment or row, or a row does not fit.
@@ -61,7 +62,7 @@ class Film:
             raise ParameterError("a film needs at least one moment and one figure")
         for row in rows:
             check(row, len(times))
-        self.times, self._rows, self._painter = np.asarray(times, float), rows, painter
+        self.times, self._rows, self._fine = np.asarray(times, float), rows, fine
         self._cells = [_grounded(row, rows) for row in rows]
         self._view = camera.rotation()
         self._window = window(self._cells, self._view)
@@ -100,9 +101,9 @@ class Film:
             if not cells.good[i]:
                 part[:] = 242
                 continue
-            part[:] = solid.render(
+            part[:] = render(
                 cells.ends[i], cells.radius, cells.colours, self._corner, self._scale,
-                part.shape[:2], self._window.floor, self._view, self._painter,
+                part.shape[:2], self._window.floor, self._view, self._fine,
             )  # fmt: skip
             if cells.row.marked is not None and cells.row.marked[i]:
                 for edge in (part[:2], part[-2:], part[:, :2], part[:, -2:]):

@@ -85,17 +85,14 @@ def stick_figures(x: np.ndarray, size: Size = NOMINAL, slim: float = 1.0) -> Fig
     return Figures(ends, radius, [c for _, _, _, c in parts])
 
 
-def stick_figure(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """One human of nominal size: ends (b, 2, 3) [m], radius (b,) [m], colour names (b,)."""
-    made = stick_figures(np.asarray(x, float)[None])
-    return made.ends[0], made.radius, made.colours
-
-
 def stand(hip: float) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """What holds a figure without legs up at a height: as stick_figure, the hip at the origin.
+    """What holds a figure without legs up at a height, the hip at the origin.
 
     Args:
         hip: height of the hip above the floor [m].
+
+    Returns:
+        Ends (b, 2, 3) [m], radius (b,) [m], colour names (b,).
     """
     foot = np.array([0.0, 0.0, 0.012 - hip])
     ends = np.array([[np.zeros(3), foot], *([foot, foot + step] for step in _FEET)])

@@ -1,16 +1,17 @@
-"""The rays of s3le.show.solid, compiled: some hundred times as fast, for films.
+"""The rays of a picture of capsules, compiled: where they hit, and how that is lit.
 
-The same pictures, which a test holds it to; how they come about is to be read there.
+A key light, a sky and a soft highlight; crevices are darkened where neighbours stand nearer to the
+viewer, rims and seams get an outline, and a floor a shadow that fades with the bodies' height.
 """
 
 import numpy as np
 
 from s3le.kernels.compiled import compiled
 
-# As in s3le.show.solid, which a kernel cannot import (matplotlib is near); tested to be equal.
 _LIGHT = np.array([-0.50, 0.72, 0.62]) / np.sqrt(0.50**2 + 0.72**2 + 0.62**2)
 _HALF = (_LIGHT + np.array([0.0, 0.0, 1.0])) / np.linalg.norm(_LIGHT + np.array([0.0, 0.0, 1.0]))
-_STEP, _SPREAD = 0.012, 0.05  # [m]
+_STEP = 0.012  # [m] a jump in depth that earns an outline
+_SPREAD = 0.05  # [m] how far crevices are darkened
 _NONE = -1e3  # [m], a depth at which nothing is
 
 
@@ -23,7 +24,20 @@ def rays(
     size: tuple[int, int],
     fine: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Colour (h, w, 3) and cover (h, w, 1) of each pixel, see solid.Painter."""
+    """Cast fine x fine rays per pixel and take their mean.
+
+    Args:
+        turned: capsule ends in camera coordinates [m], (b, 2, 3).
+        radius: [m], (b,).
+        colours: red, green, blue in [0, 1], (b, 3).
+        corner: left and upper edge of the picture in camera coordinates [m].
+        scale: pixels per metre.
+        size: height and width in pixels.
+        fine: rays per pixel and direction.
+
+    Returns:
+        Colour (h, w, 3), black where nothing is, and cover in [0, 1], (h, w, 1).
+    """
     height, width = size[0] * fine, size[1] * fine
     sharp = scale * fine
     u = corner[0] + (np.arange(width) + 0.5) / sharp
@@ -49,7 +63,16 @@ def shadow(
     v: np.ndarray,
     view: np.ndarray,
 ) -> np.ndarray:
-    """Share of light that the floor of each pixel loses, see solid.Painter."""
+    """Share of light that a floor loses below the bodies, (h, w), fading with their height.
+
+    Args:
+        ends: capsule ends in the world [m], (b, 2, 3).
+        radius: [m], (b,).
+        floor: its height [m].
+        u: camera coordinates of the columns of pixels [m], (w,).
+        v: of the rows, (h,).
+        view: the camera's rotation, (3, 3).
+    """
     lost = np.zeros((len(v), len(u)))
     _shadow(
         np.ascontiguousarray(ends, float), np.ascontiguousarray(radius, float), float(floor),

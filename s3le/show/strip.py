@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from s3le.errors import ParameterError
-from s3le.show import solid, style
+from s3le.show import style
+from s3le.show.camera import FINE, USUAL, Camera, render
 from s3le.show.figures import Cells, Row, check, still, window
 from s3le.show.human import FOREARM, SHOULDER, TRUNK, UPPER_ARM
 
@@ -36,9 +37,9 @@ def draw(
     times: np.ndarray,
     rows: list[Row],
     title: str,
-    camera: solid.Camera = solid.USUAL,
+    camera: Camera = USUAL,
     width: int = _WIDEST,
-    painter: solid.Painter = solid.PLAIN,
+    fine: int = FINE,
     photos: Photos | None = None,
 ) -> None:
     """Draw a strip.
@@ -52,7 +53,7 @@ def draw(
         title: above everything.
         camera: where all are seen from.
         width: of all cells together [pixels], at most.
-        painter: what casts the rays.
+        fine: rays per pixel and direction.
         photos: above all rows.
 
     Raises:
@@ -71,7 +72,7 @@ def draw(
             figure.text(0.02, 0.95, title, va="top", size=12, weight="bold")
             style.note(figure, "nothing to draw: no moments or no rows")
         else:
-            figure = _strip(times, rows, title, camera, width, painter, photos)
+            figure = _strip(times, rows, title, camera, width, fine, photos)
         style.save(figure, path)
 
 
@@ -79,9 +80,9 @@ def _strip(
     times: np.ndarray,
     rows: list[Row],
     title: str,
-    camera: solid.Camera,
+    camera: Camera,
     widest: int,
-    painter: solid.Painter,
+    fine: int,
     photos: Photos | None,
 ) -> Figure:
     view = camera.rotation()
@@ -142,9 +143,9 @@ def _strip(
                 )  # fmt: skip
             else:
                 corner = left, windows[kind].high + 0.03
-                picture = solid.render(
+                picture = render(
                     cells.ends[column], cells.radius, cells.colours, corner, scale,
-                    (tall[kind], wide), windows[kind].floor, view, painter,
+                    (tall[kind], wide), windows[kind].floor, view, fine,
                 )  # fmt: skip
                 page.image(picture, x, y)
             if row.note is not None:
@@ -181,7 +182,7 @@ def _label(page: "_Page", row: Row, kind: str, y: float, tall: int) -> None:
         page.box(_LABEL - 8, y + 4, 3, tall - 8, fill=row.colour, edge=None)
 
 
-def _caption(rows: list[Row], kinds: list[str], camera: solid.Camera) -> str:
+def _caption(rows: list[Row], kinds: list[str], camera: Camera) -> str:
     words = [
         f"Every figure is {camera}, in parallel projection, all at one scale."
     ]

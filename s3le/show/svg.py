@@ -2,8 +2,8 @@
 
 Every colour of a drawing becomes a CSS variable that falls back to that colour: `#0072b2` is
 written `var(--c0072b2, #0072b2)`. A drawing by itself looks as it was drawn; a page that sets the
-variables (look.py does so for dark) recolours it. Letters are drawn as paths, so that they stand
-where they stood on any machine, and no word in a drawing can become markup.
+variables (page.css.j2 does so for dark) recolours it. Letters are drawn as paths, so that they
+stand where they stood on any machine, and no word in a drawing can become markup.
 """
 
 import re

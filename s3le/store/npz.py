@@ -1,26 +1,27 @@
-"""NPZ and NPY files that nothing can run from: read by their own headers, within bounds.
+"""NPZ and NPY files that nothing can run from: numpy reads them, held to bounds beforehand.
 
-Each array is held to what its header claims before memory is asked for; what is pickled inside
-stays closed. numpy's own reader is not used: it mends headers of Python 2, and warns or worse.
+What the directory of the archive and each array's header claim is looked at before memory is
+asked for; what is pickled inside stays closed.
 """
 
-import ast
+import io
 import math
+import warnings
 import zipfile
-import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+from numpy.lib import format as npy
 
 from s3le.errors import S3leError
 
-MOST_ARRAYS = 256
+MOST_ARRAYS = 4096
 LONGEST_HEADER = 65_536  # [bytes]
-_DAMAGE = (
-    zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError
-)  # fmt: skip
 _PLAIN = "biufU"  # kinds of dtype that are data and nothing else
+_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
 def read_npz(
@@ -28,6 +29,7 @@ def read_npz(
     error: type[S3leError],
     most: int,
     closed: list[str] | None = None,
+    data: bytes | None = None,
 ) -> dict[str, np.ndarray]:
     """Every array of an archive by its name, read-only.
 
@@ -37,28 +39,29 @@ def read_npz(
         most: bytes of all arrays together, unpacked.
         closed: takes the names of arrays that are no plain numbers or words, such as pickled
             ones; None: the first of these refuses the file.
+        data: what the file holds, where that is in memory; path then only names it.
 
     Raises:
         error: no NPZ, damaged, larger than most, or more than MOST_ARRAYS.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-            names = [entry.filename.removesuffix(".npy") for entry in entries]
-            if len(entries) > MOST_ARRAYS or len(set(names)) < len(names):
-                raise error(f"{path}: {len(entries)} arrays, or two of one name")
-            if sum(entry.file_size for entry in entries) > most:
-                raise error(f"{path}: unpacks to more than {_size(most)}")
-            arrays = {}
-            for name, entry in zip(names, entries, strict=True):
-                with archive.open(entry) as stream:
-                    read = _array(f"{path}: '{name[:40]}'", stream, entry.file_size, error, closed)
-                if read is None:
-                    closed.append(name)
-                else:
-                    arrays[name] = read
-    except _DAMAGE as damage:
-        raise error(f"{path}: is no sound NPZ ({_line(damage)})") from None
+    arrays = {}
+    with (
+        _refusing(f"{path}: is no sound NPZ", error),
+        zipfile.ZipFile(path if data is None else io.BytesIO(data)) as archive,
+    ):
+        entries = archive.infolist()
+        names = [entry.filename.removesuffix(".npy") for entry in entries]
+        if len(entries) > MOST_ARRAYS or len(set(names)) < len(names):
+            raise error(f"{path}: {len(entries)} arrays, or two of one name")
+        if sum(entry.file_size for entry in entries) > most:
+            raise error(f"{path}: unpacks to more than {_size(most)}")
+        for name, entry in zip(names, entries, strict=True):
+            with archive.open(entry) as stream:
+                read = _array(f"{path}: '{name[:40]}'", stream, entry.file_size, error, closed)
+            if read is None:
+                closed.append(name)
+            else:
+                arrays[name] = read
     return arrays
 
 
@@ -81,8 +84,8 @@ def pickled(path: Path, error: type[S3leError], most: int) -> bytes | None:
     Raises:
         error: no array of numpy's, or longer than most.
     """
-    with path.open("rb") as stream:
-        if not _header(str(path), stream, error)[2].hasobject:
+    with _refusing(f"{path} is no array of numpy's", error), path.open("rb") as stream:
+        if not _header(stream)[2].hasobject:
             return None
         data = stream.read(most + 1)
     if len(data) > most:
@@ -90,64 +93,53 @@ def pickled(path: Path, error: type[S3leError], most: int) -> bytes | None:
     return data
 
 
+def _header(stream: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, order and type; the stream then stands behind it."""
+    return _HEADERS[npy.read_magic(stream)](stream, max_header_size=LONGEST_HEADER)
+
+
 def _array(
     name: str, stream: BinaryIO, size: int, error: type[S3leError], closed: list[str] | None
 ) -> np.ndarray | None:
     """One .npy, held to its own header before memory is asked for; None: it stays closed."""
-    shape, fortran, dtype = _header(name, stream, error)
-    if dtype.hasobject:
-        if closed is not None:
-            return None
-        raise error(
-            f"{name} is pickled, which can run any program when opened; "
-            "save it again as plain numbers or words"
-        )
-    if dtype.kind not in _PLAIN or dtype.shape:
-        if closed is not None:
-            return None
-        raise error(f"{name} holds {dtype}, which is neither numbers nor words")
-    claimed = math.prod(shape) * dtype.itemsize
-    if claimed > size:
-        raise error(f"{name} claims {claimed} bytes, the file has {size}")
-    data = stream.read(claimed)
-    if len(data) < claimed or stream.read(1):
-        raise error(f"{name} does not hold the {claimed} bytes that it claims")
-    if not dtype.itemsize:
-        return np.zeros(shape, "U1")
-    array = np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")
-    if dtype.kind == "U":
-        codes = np.frombuffer(data, np.dtype("u4").newbyteorder(dtype.byteorder))
+    with _refusing(f"{name} is no array of numpy's", error):
+        shape, _, dtype = _header(stream)
+        if dtype.kind not in _PLAIN or dtype.shape:
+            if closed is not None:
+                return None
+            if dtype.hasobject:
+                raise error(
+                    f"{name} is pickled, which can run any program when opened; "
+                    "save it again as plain numbers or words"
+                )
+            raise error(f"{name} holds {dtype}, which is neither numbers nor words")
+        claimed = math.prod(shape) * dtype.itemsize
+        if claimed > size or min(shape, default=0) < 0:
+            raise error(f"{name} claims {claimed} bytes, the file has {size}")
+        stream.seek(0)
+        array = npy.read_array(stream, allow_pickle=False, max_header_size=LONGEST_HEADER)
+        if stream.read(1):
+            raise error(f"{name} does not hold the {claimed} bytes that it claims but more")
+    if dtype.kind == "U" and array.size:
+        codes = np.frombuffer(array.tobytes(), np.dtype("u4").newbyteorder(dtype.byteorder))
         if ((codes > 0x10FFFF) | ((codes >= 0xD800) & (codes <= 0xDFFF))).any():
             raise error(f"{name} holds words that are no text")
+    array.setflags(write=False)
     return array
 
 
-def _header(
-    name: str, stream: BinaryIO, error: type[S3leError]
-) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """Shape, order and type."""
-    magic = stream.read(8)
-    width = {b"\x01\x00": 2, b"\x02\x00": 4, b"\x03\x00": 4}.get(magic[6:])
-    if magic[:6] != b"\x93NUMPY" or width is None:
-        raise error(f"{name} is no array of numpy's")
-    length = int.from_bytes(stream.read(width), "little")
-    if length > LONGEST_HEADER:
-        raise error(f"{name} is no array of numpy's (a header of {length} bytes)")
+@contextmanager
+def _refusing(what: str, error: type[S3leError]) -> Iterator[None]:
+    """Whatever numpy, its parser, zipfile and what unpacks for it may raise, as one refusal."""
     try:
-        header = ast.literal_eval(stream.read(length).decode().strip(" \n"))
-        shape, fortran = header["shape"], header["fortran_order"]
-        dtype = np.dtype(header["descr"])
-    except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError) as damage:
-        raise error(f"{name} is no array of numpy's ({_line(damage)})") from None
-    whole = isinstance(shape, tuple) and all(type(n) is int and n >= 0 for n in shape)
-    if not whole or type(fortran) is not bool:
-        raise error(f"{name} is no array of numpy's (its shape is {shape!r:.40})")
-    return shape, fortran, dtype
+        with warnings.catch_warnings(action="error"):  # numpy would mend a header of Python 2
+            yield
+    except error:
+        raise
+    except Exception as damage:
+        reason = (str(damage).splitlines() or [type(damage).__name__])[0][:160]
+        raise error(f"{what} ({reason})") from None
 
 
 def _size(count: int) -> str:
     return f"{count >> 30} GiB" if count >= 1 << 30 else f"{count >> 20} MiB"
-
-
-def _line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:160]

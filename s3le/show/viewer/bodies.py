@@ -190,7 +190,7 @@ class HumanNodes:
             floor: height of the floor that it is held up from [m]; None: over a robot.
             slim: factor on its thickness.
         """
-        self._seen, self._size, self._slim = seen, size, slim
+        self._seen, self._size = seen, size
         self.root = server.scene.add_frame(name, show_axes=False, position=place)
         made = stick_figures(seen.x[:1], size, slim)
         self._nodes = self._add(server, name, made.ends[0], made.radius, made.colours)

@@ -15,9 +15,9 @@ import viser
 
 from s3le.errors import FilmError
 from s3le.kernels import batch
-from s3le.show import motions, pace
+from s3le.show import pace
 from s3le.show.human import NOMINAL, Size
-from s3le.show.motions import Human, Shown
+from s3le.show.motions import Human, Shown, modes, poses
 from s3le.show.viewer import timeline
 from s3le.show.viewer.bodies import HumanNodes, RobotNodes, looks_of
 from s3le.show.viewer.player import SPEEDS, Player
@@ -79,7 +79,7 @@ class Page:
         """
         self._looks = [looks_of(m.robot, meshes) for m in motions]
         self.motions, self.human, self.player = motions, human, Player(times)
-        self._q = [motions.poses(m, times) for m in motions]
+        self._q = [poses(m, times) for m in motions]
         self._kind = [pace.kinds(m, times) for m in motions]
         self._clearance = [
             batch.clearances(m.robot.chain, q, progress)
@@ -315,7 +315,7 @@ class Page:
         lines = [f"<b>{moment:.3f} s</b>, {index + 1} of {len(self.player.times)}"]
         for i, shown in enumerate(self.motions):
             kind = pace.word(shown, self._kind[i][index])
-            mode = motions.modes(shown, self.player.times[index : index + 1])
+            mode = modes(shown, self.player.times[index : index + 1])
             word = f"{kind} ({escape(str(mode[0])[:40])})" if mode is not None else kind
             clear = self._clearance[i][index] * 1e3
             text = f"{clear:.1f} mm clear" if clear >= 0.0 else f"collides by {-clear:.1f} mm"
