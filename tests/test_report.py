@@ -548,7 +548,7 @@ def test_figures_print_names_of_any_script_and_do_not_cut_them(
     said.clear()
     with style.sheet():
         made = film.Film(
-            np.arange(len(x)) / 10, rows, [], [(name, "#ff0000")], solid.USUAL, 640, solid.PLAIN
+            np.arange(len(x)) / 10, rows, [], [(name, "#ff0000")], camera.USUAL, 640, 1
         )
         assert made.picture(0).shape == (*made.size[::-1], 3)
     assert anywhere()
