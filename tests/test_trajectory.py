@@ -265,6 +265,9 @@ def test_an_npz_that_claims_more_than_it_holds_is_refused_before_memory_is_asked
     refused(one(head.format("'<U2'", "(1,)").encode(), b"\xff" * 8), "no text")
     refused(one(b"{" * 400), "no array")
     refused(one(head.format("'<V8'", "(1, 1)").encode()), "neither")
+    refused(one(head.format("'<U0'", f"({1 << 40},)").encode(), b""), "claims")
+    refused(one(head.format("'<f8'", "(1L, 1)").encode()), "no array", "Python 2")
+    refused(one(b"{'a': '\\\n"), "no array")
 
 
 def test_an_archive_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):

@@ -113,7 +113,7 @@ def _array(
                     "save it again as plain numbers or words"
                 )
             raise error(f"{name} holds {dtype}, which is neither numbers nor words")
-        claimed = math.prod(shape) * dtype.itemsize
+        claimed = math.prod(shape) * max(dtype.itemsize, 1)  # words of no letters have size 0
         if claimed > size or min(shape, default=0) < 0:
             raise error(f"{name} claims {claimed} bytes, the file has {size}")
         stream.seek(0)
