@@ -108,8 +108,8 @@ class HullCheck:
 def _arrays(file: Path, data: bytes | None) -> dict[str, np.ndarray]:
     try:
         if data is None:
-            with file.open("rb") as stream:
-                data = stream.read(LARGEST + 1)
+            with file.open("rb") as opened:
+                data = opened.read(LARGEST + 1)
         if len(data) > LARGEST:
             raise RobotError(f"{file}: longer than the {LARGEST / 2**20:g} MiB of a file of hulls")
         with io.BytesIO(data) as stream, np.load(stream, allow_pickle=False) as archive:

@@ -9,7 +9,7 @@ import math
 import zipfile
 import zlib
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 
@@ -53,10 +53,10 @@ def read_npz(
             for name, entry in zip(names, entries, strict=True):
                 with archive.open(entry) as stream:
                     read = _array(f"{path}: '{name[:40]}'", stream, entry.file_size, error, closed)
-                if read is None:
-                    closed.append(name)
-                else:
+                if read is not None:
                     arrays[name] = read
+                elif closed is not None:
+                    closed.append(name)
     except _DAMAGE as damage:
         raise error(f"{path}: is no sound NPZ ({_line(damage)})") from None
     return arrays
@@ -72,7 +72,9 @@ def read_npy(path: Path, error: type[S3leError], most: int) -> np.ndarray:
     if size > most + LONGEST_HEADER:
         raise error(f"{path}: holds more than {_size(most)}")
     with path.open("rb") as stream:
-        return _array(str(path), stream, size, error, None)
+        read = _array(str(path), stream, size, error, None)
+    assert read is not None  # where no list takes closed ones, they are refused
+    return read
 
 
 def pickled(path: Path, error: type[S3leError], most: int) -> bytes | None:
@@ -91,7 +93,7 @@ def pickled(path: Path, error: type[S3leError], most: int) -> bytes | None:
 
 
 def _array(
-    name: str, stream: BinaryIO, size: int, error: type[S3leError], closed: list[str] | None
+    name: str, stream: IO[bytes], size: int, error: type[S3leError], closed: list[str] | None
 ) -> np.ndarray | None:
     """One .npy, held to its own header before memory is asked for; None: it stays closed."""
     shape, fortran, dtype = _header(name, stream, error)
@@ -123,7 +125,7 @@ def _array(
 
 
 def _header(
-    name: str, stream: BinaryIO, error: type[S3leError]
+    name: str, stream: IO[bytes], error: type[S3leError]
 ) -> tuple[tuple[int, ...], bool, np.dtype]:
     """Shape, order and type."""
     magic = stream.read(8)

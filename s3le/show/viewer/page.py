@@ -17,7 +17,7 @@ from s3le.errors import FilmError
 from s3le.kernels import batch
 from s3le.show import motions, pace
 from s3le.show.human import NOMINAL, Size
-from s3le.show.motions import Human, Shown
+from s3le.show.motions import Human, Shown, poses
 from s3le.show.viewer import timeline
 from s3le.show.viewer.bodies import HumanNodes, RobotNodes, looks_of
 from s3le.show.viewer.player import SPEEDS, Player
@@ -79,7 +79,7 @@ class Page:
         """
         self._looks = [looks_of(m.robot, meshes) for m in motions]
         self.motions, self.human, self.player = motions, human, Player(times)
-        self._q = [motions.poses(m, times) for m in motions]
+        self._q = [poses(m, times) for m in motions]
         self._kind = [pace.kinds(m, times) for m in motions]
         self._clearance = [
             batch.clearances(m.robot.chain, q, progress)
@@ -171,9 +171,9 @@ class Page:
 
     def _size(self, robot: int) -> Size:
         """The robot's own segments [m], the mean of left and right."""
-        robot = self.motions[robot].robot
-        points = batch.points(robot.chain, robot.anchor[None])
-        length = np.linalg.norm(bone_vectors(points, robot.neck)[0], axis=1)
+        its = self.motions[robot].robot
+        points = batch.points(its.chain, its.anchor[None])
+        length = np.linalg.norm(bone_vectors(points, its.neck)[0], axis=1)
         return Size(float(length[0]), *(float(length[1:4][k] + length[4:7][k]) / 2
                                         for k in range(3)))  # fmt: skip
 
