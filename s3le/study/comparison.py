@@ -10,6 +10,7 @@ from s3le.kernels import batch
 from s3le.learn import artifact
 from s3le.learn.methods import Entry
 from s3le.retarget import exported
+from s3le.retarget.stream import Retargeter
 from s3le.retarget.table import stored_poses
 from s3le.robot.certificate import Report
 from s3le.robot.robot import Robot
@@ -90,7 +91,7 @@ def followed(
         BundleError, CertificateError: see online.follow.
     """
     about = documents.read_json(folder / exported.ABOUT, "export")
-    retargeter = exported.load(folder)
+    retargeter = Retargeter.load(folder)
     refine = name == "certified_refined"
     q, mode = follow(
         robot, retargeter, frames["clip"], frames["time"], frames["x"], refine, progress
