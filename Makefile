@@ -1,4 +1,5 @@
-# Two commands: `make repro` runs the whole pipeline, `make test` runs the tests.
+# Two commands: `make repro` runs the whole pipeline, `make test` runs the tests; `make test-all`
+# adds those that want a browser, a video estimator or a cluster.
 # `make video` sets up the pose estimator of `s3le video`, `make videos` fetches videos to try.
 # `make report` runs as much of the pipeline as the page that reads a run needs.
 # `make paper` runs the pipeline by what is printed in the paper.
@@ -20,13 +21,18 @@ repro: setup
 report: setup
 	@$(RUN) dvc repro report
 
-# The estimator, a video and HPP are wished for: without them the tests that want them are skipped.
-test: setup
+# Laws, readers, the proof, the guard, the pipeline in small: no browser, estimator or cluster.
+TESTS := OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile --no-loadscope-reorder
+test: lint
+	@$(RUN) $(TESTS) -m "not wide"
+
+# And what wants a browser, a video estimator or a cluster, a third judge, and the tour. These are
+# wished for: without them the tests that want them are skipped.
+test-all: lint
 	-@$(MAKE) --no-print-directory video
 	-@$(MAKE) --no-print-directory hpp
 	-@$(RUN) python benchmarks/videos.py sports2d
-	@$(RUN) ruff check .
-	@$(RUN) OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile --no-loadscope-reorder
+	@$(RUN) $(TESTS)
 
 # The pipeline by what is printed in the paper (profiles/paper.yaml). ARGS="-S clips=cmu"
 paper: setup
@@ -89,6 +95,8 @@ $(READY): requirements.lock pyproject.toml
 
 lint: setup
 	@$(RUN) ruff check .
+	@$(RUN) ruff format --check -q .
+	@$(RUN) mypy
 
 # Needs uv; CUDA packages stay out, so that the lock serves machines with and without a GPU.
 lock:

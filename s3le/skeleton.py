@@ -143,13 +143,12 @@ def fixed_in(tree: Mapping, where: object) -> dict[str, list[float]]:
         RobotError: it is damaged.
     """
     fixed = tree.get("fixed")
-    good = isinstance(fixed, dict) and all(
+    if isinstance(fixed, dict) and all(
         bone in BONES and np.shape(way) == (3,) and abs(np.linalg.norm(way) - 1.0) < 1e-9
         for bone, way in fixed.items()
-    )
-    if not good:
-        raise RobotError(f"{where}: damaged; write it with: dvc repro robot")
-    return fixed
+    ):
+        return fixed
+    raise RobotError(f"{where}: damaged; write it with: dvc repro robot")
 
 
 def with_fixed(x: np.ndarray, fixed: Mapping[str, Sequence[float]]) -> np.ndarray:

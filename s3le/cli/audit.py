@@ -75,20 +75,21 @@ def audit(
     from s3le.safety.paths import BUDGET
 
     with shell.guarded():
-        robot = shell.robot(robot, margin)
+        its = shell.robot(robot, margin)
         wanted = library.demands(
-            robot,
+            its,
             margin,
             margin_between,
             shell.velocities(velocity),
             BUDGET if budget is None else budget,
         )
         named = shell.names(joints)
-        told, status = [], shell.OK
+        told: list[dict[str, Any]] = []
+        status = shell.OK
         for path in files:
             try:
                 report, notes = _one(
-                    path, robot, wanted, fps, named, degrees, every=margin is not None
+                    path, its, wanted, fps, named, degrees, every=margin is not None
                 )
             except S3leError as refusal:
                 shell.complain(refusal)
@@ -99,20 +100,20 @@ def audit(
                 status = max(status, shell.BROKEN)
             told.append({"file": str(path), "notes": notes, **library.tree(report)})
             if not as_json:
-                typer.echo("\n".join([*_lines(path, robot, wanted, report, notes), ""]))
+                typer.echo("\n".join([*_lines(path, its, wanted, report, notes), ""]))
         if as_json:
             certificate = {
-                "robot": robot.name,
-                "robot_hash": robot.digest,
+                "robot": its.name,
+                "robot_hash": its.digest,
                 "margin_m": wanted.margin,
                 "margin_between_m": wanted.margin_between,
-                "not_covered": library.not_covered(robot),
+                "not_covered": library.not_covered(its),
                 "holds": status == shell.OK,
                 "files": told,
             }
             typer.echo(json.dumps(certificate, indent=2, allow_nan=False))
         else:
-            typer.echo("\n".join(_closing(robot, told)))
+            typer.echo("\n".join(_closing(its, told)))
     raise typer.Exit(status)
 
 

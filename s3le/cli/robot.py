@@ -191,11 +191,11 @@ def check(
     from s3le.onboard import survey
 
     with shell.guarded():
-        robot = shell.robot(robot, margin)
-        found = survey.survey(robot, poses)
+        its = shell.robot(robot, margin)
+        found = survey.survey(its, poses)
         if picture:
-            _draw(robot, picture, [])
-    typer.echo("\n".join(survey.lines(robot, found, every)))
+            _draw(its, picture, [])
+    typer.echo("\n".join(survey.lines(its, found, every)))
 
 
 def _draw(robot: "Robot", path: Path, notes: list[str]) -> None:

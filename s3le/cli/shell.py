@@ -91,13 +91,14 @@ def velocities(given: list[str] | None) -> dict[str, float] | float | None:
         ParameterError: neither.
     """
     named: dict[str, float] = {}
-    for word in given or []:
+    words = given or []
+    for word in words:
         joint, _, number = word.rpartition("=")
         try:
             value = float(number)
         except ValueError:
             raise ParameterError(f"--velocity {word}: wanted RAD_S or JOINT=RAD_S") from None
-        if not joint and len(given) > 1:
+        if not joint and len(words) > 1:
             raise ParameterError("--velocity: one number for all joints, or JOINT=RAD_S for some")
         if not joint:
             return value

@@ -62,7 +62,7 @@ def load(
         typer.echo(f"note: {words}", err=True)
     for one in shown[1:] if clip and not human else []:
         other, _ = motions.recorded_clip(one)
-        if other and other.resolve() != clip.resolve():
+        if clip and other and other.resolve() != clip.resolve():
             typer.echo(f"note: the human is {clip}; {one.path} was made from {other}", err=True)
     return Loaded(shown, motions.human(clip, shown[0], how) if clip else None)
 

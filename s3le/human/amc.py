@@ -139,6 +139,7 @@ def joint_positions(
                 step = about(_AXES[dof], channels[bone.name, dof])
                 own = step if own is None else step @ own
         if not bone.parent:
+            assert own is not None  # a root names all three of its turns
             turned[bone.name] = own
             place = [channels[bone.name, dof] for dof in ("tx", "ty", "tz")]
             ends[bone.name] = np.stack(place, axis=1)

@@ -119,7 +119,7 @@ def read_bvh(
     found, used, rest_frame = _points(path, joints, how)
     columns = sum(len(joint.channels) for joint in joints)
     ended = data[-1:].isspace()
-    values, own_fps = _motion(path, lines, motion, columns, fps is None, ended)
+    values, own_fps = _motion(path, lines, motion, columns, fps, ended)
     turns = [kind == "rotation" for joint in joints for kind, _ in joint.channels]
     refuse_wild_angles(path, np.radians(values[:, turns]))
     fps, told = (fps, []) if fps is not None else _cmu(path, own_fps)
@@ -259,20 +259,21 @@ def _hierarchy(path: Path | str, lines: list[bytes]) -> list[Joint]:
 
 
 def _motion(
-    path: Path | str, lines: list[bytes], motion: int, columns: int, read_rate: bool, ended: bool
-) -> tuple[np.ndarray, float | None]:
-    """The table of channel values (n, columns), and the rate [Hz] of Frame Time if asked for."""
+    path: Path | str, lines: list[bytes], motion: int, columns: int, fps: float | None,
+    ended: bool,
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """The table of channel values (n, columns), and the rate [Hz]: fps, else of Frame Time."""
     head = [i for i in range(motion + 1, min(motion + 20, len(lines))) if lines[i].strip()][:2]
     if len(head) < 2:
         raise refusal(path, len(lines), "no Frames: and Frame Time: lines; a truncated file?")
-    key, _, count = lines[head[0]].partition(b":")
+    key, _, number = lines[head[0]].partition(b":")
     if key.upper().split() != [b"FRAMES"]:
         raise refusal(path, head[0] + 1, f"expected Frames:, got {shown(lines[head[0]])}")
-    count = integer(path, head[0] + 1, count.strip(), "Frames")
+    count = integer(path, head[0] + 1, number.strip(), "Frames")
     key, _, step = lines[head[1]].partition(b":")
     if key.upper().split() != [b"FRAME", b"TIME"]:
         raise refusal(path, head[1] + 1, f"expected Frame Time:, got {shown(lines[head[1]])}")
-    rate = _rate(path, head[1] + 1, step.strip()) if read_rate else None
+    rate = _rate(path, head[1] + 1, step.strip()) if fps is None else fps
     rows = lines[head[1] + 1 :]
     first = head[1] + 2  # line number of rows[0]
     kept = [row for row in rows if row.strip()] if not all(rows) else rows

@@ -177,7 +177,8 @@ def at_rate(
     Raises:
         ClipError: not one frame of all clips can be used.
     """
-    parts, counts = [], {}
+    parts: list[Motion] = []
+    counts: dict[str, dict[str, int]] = {}
     for clip, rows in _clips(points["split"], points["clip"]):
         split, fps = str(points["split"][rows][0]), float(points["fps"][rows][0])
         positions = points["points"][rows].reshape(-1, len(POINTS), 3)

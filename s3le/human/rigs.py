@@ -114,11 +114,13 @@ def match(names: Sequence[str], given: Mapping[str, str] | None = None) -> Match
     bodies = [_body({**index.get("", {}), **own}, own) for own in index.values()]
     best = max(bodies, key=len, default={})
     best = best | {point: _stated(names, point, name) for point, name in (given or {}).items()}
-    joints = {point: (best[point],) for point in POINTS if point in best}
+    joints: dict[str, tuple[int, ...]] = {
+        point: (best[point],) for point in POINTS if point in best
+    }
     for middle, half in _HALVES.items():
-        halves = [joints.get(f"{side}_{half}") for side in "rl"]
-        if middle not in joints and all(halves):
-            joints[middle] = halves[0] + halves[1]
+        right, left = joints.get(f"r_{half}"), joints.get(f"l_{half}")
+        if middle not in joints and right and left:
+            joints[middle] = right + left
     more = {point: best[point] for point in MORE if point in best}
     times = Counter(names)
     bare = {_SPACE.sub("", name) for name in names}

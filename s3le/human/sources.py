@@ -14,8 +14,9 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from s3le.errors import ClipError, FetchError, ParameterError
 from s3le.human import fetch
@@ -173,7 +174,7 @@ def cmu(
     listed = manifests.manifest(manifest, columns, ("identity",))
     rows = [row for row in listed if row["split"] in splits]
     remote = str(base).startswith(("http://", "https://"))
-    patience = {"tries": tries, "timeout": timeout}
+    patience: dict[str, Any] = {"tries": tries, "timeout": timeout}
     found, lost, gone = [], {}, ""
     for row in rows:
         trial, subject = row["trial"], row["trial"].partition("_")[0]
@@ -218,7 +219,7 @@ def _remote(
     subject: str,
     name: str,
     digest: str,
-    patience: dict[str, float],
+    patience: dict[str, Any],
     gone: str,
 ) -> Path:
     """The file in the cache, fetched unless it is there; gone says that no server answers."""
@@ -234,7 +235,7 @@ def _remote(
             fetch.download(
                 f"{base.rstrip('/')}/subjects/{subject}/{path.name}",
                 path,
-                lambda part, packed=packed: _wrong(part, name, digest, packed),
+                partial(_wrong, name=name, digest=digest, packed=packed),
                 **patience,
             )
         except fetch.NotThereError:

@@ -1,5 +1,7 @@
 """Which rows of table skeletons a stage may look at."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from s3le.errors import ClipError
@@ -20,7 +22,7 @@ def train_rows(frames: Columns, count: int) -> np.ndarray:
     return rows
 
 
-def test_rows(frames: Columns) -> np.ndarray:
+def test_rows(frames: Mapping[str, np.ndarray]) -> np.ndarray:
     """Rows of table skeletons that belong to clips not trained on, in order.
 
     Raises:

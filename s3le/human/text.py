@@ -88,7 +88,8 @@ def no_file(path: Path | str) -> str:
         mode = path.stat().st_mode
     except (OSError, ValueError) as error:
         gone = isinstance(error, (FileNotFoundError, NotADirectoryError, ValueError))
-        return "no such file" if gone else f"cannot be read: {error.strerror or error}"
+        words = error.strerror if isinstance(error, OSError) else None
+        return "no such file" if gone else f"cannot be read: {words or error}"
     kinds = (
         (stat.S_ISDIR, "is a folder, not a file"),
         (stat.S_ISFIFO, "is a named pipe (FIFO), not a file; write what comes out of it to one"),

@@ -51,6 +51,7 @@ def processor() -> str:
 
 def place() -> Path | None:
     """The folder that holds the store, the first that can be written; None: there is none."""
+    candidates: tuple[Path, ...]
     if config.CACHE_DIR:
         candidates = (Path(config.CACHE_DIR),)
     else:
@@ -91,6 +92,7 @@ class InOneFolder(UserProvidedCacheLocator):
 
     def get_source_stamp(self) -> str:
         """What makes stored code old: the text, which names the store; never a file's time."""
+        assert _STORE is not None  # whoever has no store has no locator
         return _STORE.name
 
 
@@ -136,6 +138,7 @@ def _in_turn(save: Callable[..., None]) -> Callable[..., None]:
     """What numba stores one function with, for one process at a time."""
 
     def saved(*args: object) -> None:
+        assert _STORE is not None  # whoever has no store saves nothing
         with (_STORE / _LOCK).open("a") as handle:
             fcntl.flock(handle, fcntl.LOCK_EX)  # freed with the handle
             save(*args)

@@ -49,6 +49,15 @@ class Batch(NamedTuple):
     robot_q: Tensor  # (m, n_dof)
 
 
+class _Rows(NamedTuple):
+    """Tuples on the device, as far as a step reads them."""
+
+    x_relaxed: Tensor
+    x_feasible: Tensor
+    q_feasible: Tensor
+    x_mixed: Tensor | None
+
+
 def _check(name: str, rows: np.ndarray, width: int) -> np.ndarray:
     rows = np.asarray(rows)
     if rows.ndim != 2 or rows.shape[1] != width:
@@ -122,11 +131,15 @@ class Batches:
             device: where the rows live.
         """
 
-        def put(rows: np.ndarray | None) -> Tensor | None:
-            return None if rows is None else torch.from_numpy(np.array(rows, np.float32)).to(device)
+        def put(rows: np.ndarray) -> Tensor:
+            return torch.from_numpy(np.array(rows, np.float32)).to(device)
+
+        def put_all(own: Tuples) -> _Rows:
+            mixed = None if own.x_mixed is None else put(own.x_mixed)
+            return _Rows(put(own.x_relaxed), put(own.x_feasible), put(own.q_feasible), mixed)
 
         self._sources = [
-            (count, Tuples(*(put(rows) for rows in tuples)))
+            (count, put_all(tuples))
             for count, tuples in ((n_pairs, data.pairs), (n_sampled, data.sampled))
             if tuples is not None and count > 0
         ]
@@ -153,11 +166,12 @@ class Batches:
             else:
                 mixed = tuples.x_mixed.index_select(0, rows)
             parts.append((relaxed, feasible, mixed, tuples.q_feasible.index_select(0, rows)))
+        relaxed, feasible, mixed, q = (torch.cat(column) for column in zip(*parts, strict=True))
         return Batch(
-            *(torch.cat(column) for column in zip(*parts, strict=True)),
+            relaxed, feasible, mixed, q,
             self._mocap_x.index_select(0, some(len(self._mocap_x), self._n_domain)),
             self._robot_q.index_select(0, some(len(self._robot_q), self._n_domain)),
-        )
+        )  # fmt: skip
 
 
 def draw_prior(kind: str, n: int, latent: int, generator: torch.Generator) -> Tensor:

@@ -70,6 +70,8 @@ def stored(
     pool = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     z = pool["x"]
     if entry.model:
+        if model is None:
+            raise ParameterError(f"poses of '{entry.model}' want the file of its model")
         net, _ = artifact.load_model(model, method=entry.model, robot_hash=robot.tag)
         z = artifact.encode_q(net, pool["q"])
     found = {

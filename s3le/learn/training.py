@@ -109,7 +109,7 @@ class Training:
                 ok = isinstance(value, kinds) and not isinstance(value, bool)
                 ok = ok and math.isfinite(value) and (value > 0 or (value == 0 and least[1] == "t"))
                 if not ok:
-                    kind = field.type.__name__
+                    kind = "int" if field.type is int else "float"
                     raise ParameterError(f"{name} must be a finite {kind} {least}, got {value!r}")
 
 

@@ -66,14 +66,12 @@ def interpret(
             raise TrajectoryError(f"{name}: columns are of different lengths, {lengths}"[:300])
         q = np.stack([_numbers(name, key, table[key]) for key in names], axis=1)
     clearance, mode = _find(table, (CLEARANCE,)), _find(table, (MODE,))
-    if (heading := _find(table, (HEADING,))) is not None:
-        heading = _numbers(name, *heading)
-    if clearance is not None:
-        clearance = _numbers(name, *clearance)
-    if mode is not None:
-        mode = mode[1].astype(str) if mode[1].dtype.kind in "UT" else None
+    heading = _find(table, (HEADING,))
+    turned = None if heading is None else _numbers(name, *heading)
+    clear = None if clearance is None else _numbers(name, *clearance)
+    how = None if mode is None or mode[1].dtype.kind not in "UT" else mode[1].astype(str)
     time = _time(name, table, len(q), fps)
-    return make(name, names, time, q, clearance, mode, about, first, row_is, heading)
+    return make(name, names, time, q, clear, how, about, first, row_is, turned)
 
 
 def _angles(name: str, table: Mapping[str, np.ndarray]) -> Found:

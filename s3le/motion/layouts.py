@@ -79,7 +79,7 @@ def write(trajectory: Trajectory, base: Root, fps: float, layout: str, path: Pat
     documents.write_text(text.side(about, sink.getvalue()), text.side_file(path))
 
 
-def _save(part: Path, arrays: dict[str, np.ndarray]) -> None:
+def _save(part: Path, arrays: dict[str, Any]) -> None:
     with part.open("wb") as stream:  # savez would add a suffix to a name
         np.savez_compressed(stream, **arrays)
 

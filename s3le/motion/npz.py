@@ -7,6 +7,7 @@ Arrays `time` [s], `q` [rad] (n, n_dof), `joint_names`, `heading` [rad], `cleara
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +31,9 @@ def write(trajectory: Trajectory, part: Path) -> None:
         "fps": None if trajectory.rate is None else np.float64(trajectory.rate),
         "about": np.array(json.dumps(trajectory.about, sort_keys=True)),
     }
+    held: dict[str, Any] = {k: v for k, v in arrays.items() if v is not None}
     with part.open("wb") as stream:  # savez would add a suffix to a name
-        np.savez_compressed(stream, **{k: v for k, v in arrays.items() if v is not None})
+        np.savez_compressed(stream, **held)
 
 
 def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Trajectory:

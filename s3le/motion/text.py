@@ -11,13 +11,16 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from s3le.errors import TrajectoryError
 from s3le.motion.columns import ANGLES, ROOT, interpret
 from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, unrolled
+
+if TYPE_CHECKING:
+    from _csv import Reader  # what csv.reader returns; csv itself does not name it
 
 MOST_BYTES = 1 << 30
 
@@ -107,7 +110,7 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
     return interpret(str(path), table, fps, joints, about, 1 if nameless else 2, "line")
 
 
-def _columns(path: Path, rows: csv.reader, header: list[str], words: set[int]) -> list[list]:
+def _columns(path: Path, rows: "Reader", header: list[str], words: set[int]) -> list[list]:
     columns: list[list] = [[] for _ in header]
     try:
         for fields in rows:

@@ -97,8 +97,9 @@ def make(
     for what, column in ((HEADING, heading), (CLEARANCE, clearance), (MODE, mode)):
         if column is not None and column.shape != (len(q),):
             raise TrajectoryError(f"{name}: {what} of shape {column.shape} for {len(q)} rows")
-    for row in [] if heading is None else np.flatnonzero(~np.isfinite(heading))[:1]:
-        raise TrajectoryError(f"{name}: {row_is} {first + row}: heading is {heading[row]}")
+    if heading is not None:
+        for row in np.flatnonzero(~np.isfinite(heading))[:1]:
+            raise TrajectoryError(f"{name}: {row_is} {first + row}: heading is {heading[row]}")
     for array in (time, q, heading, clearance, mode):
         if array is not None:
             array.setflags(write=False)

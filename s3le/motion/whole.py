@@ -69,15 +69,20 @@ def _depth_first(items: list[ElementTree.Element]) -> list[str]:
     """Joints from the root link, each with all that hangs on it before the next one beside it."""
     below: dict[str, list[ElementTree.Element]] = {}
     for item in items:
-        below.setdefault(item.find("parent").get("link", ""), []).append(item)
-    children = {item.find("child").get("link", "") for item in items}
+        below.setdefault(_link(item, "parent"), []).append(item)
+    children = {_link(item, "child") for item in items}
     order: list[str] = []
     waiting = [item for link in below if link not in children for item in reversed(below[link])]
     while waiting:
         item = waiting.pop()
         order.append(item.get("name", ""))
-        waiting += reversed(below.get(item.find("child").get("link", ""), []))
+        waiting += reversed(below.get(_link(item, "child"), []))
     return order
+
+
+def _link(joint: ElementTree.Element, end: str) -> str:
+    found = joint.find(end)
+    return "" if found is None else found.get("link", "")
 
 
 def _refuse_beyond(robot: Geometry, item: ElementTree.Element, held: float, unit: str) -> None:

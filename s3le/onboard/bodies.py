@@ -9,7 +9,7 @@ import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -79,9 +79,11 @@ def read_spheres(path: Path) -> dict[str, np.ndarray]:
     tree = read_mapping(path, "links with lists of spheres", 4 * 2**20)
     tree = tree.get("collision_spheres", tree)
     out = {}
-    for link, items in tree.items() if isinstance(tree, dict) else [("", None)]:
+    listed: Any = tree.items() if isinstance(tree, dict) else [("", None)]
+    for link, items in listed:
         try:
-            rows = np.array([[*item["center"], item["radius"]] for item in items], float)
+            spheres = [[*item["center"], item["radius"]] for item in items]
+            rows: np.ndarray = np.array(spheres, float)
         except (TypeError, KeyError, ValueError):
             rows = np.empty((0, 0))
         good = rows.ndim == 2 and rows.shape[1:] == (4,) and np.abs(rows).max() <= FARTHEST

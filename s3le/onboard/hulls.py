@@ -1,6 +1,7 @@
 """Convex hulls of a robot's own collision meshes, kept beside its robot file."""
 
 import io
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -14,7 +15,7 @@ def pack(source: Source) -> bytes:
     Its arrays are called LINK/K, the K-th piece of a link, (n, 3) [m] in the link's frame, float64.
     Capsules and spheres have no corners and are left out, and so is what is flat.
     """
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for link, shapes in source.shapes.items():
         for k, shape in enumerate(shapes):
             found = corners(shape.triangles.reshape(-1, 3))

@@ -52,7 +52,8 @@ def find(source: Source) -> Limbs:
         RobotError: no arm of at least a shoulder and an elbow that bends is found.
     """
     tree = Tree(source.model)
-    sure, look = [], []
+    sure: list[str] = []
+    look: list[str] = []
     roots = _arm_roots(tree, source, sure, look)
     arms = {side: _arm(tree, source, side, root, sure, look) for side, root in roots.items()}
     first = next(iter(roots.values()))
@@ -180,7 +181,8 @@ def _legs(tree: Tree, arms: set[int]) -> list[int]:
         if p[0] not in above and tree.turns(p[0]) and tree.reach(p[0]) > 0.25
         and tree.resembles_arm(p[0]) < 0
     ]  # fmt: skip
-    return list(max(pairs, key=lambda p: tree.reach(p[0]))) if pairs else []
+    longest = max(pairs, key=lambda p: tree.reach(p[0]), default=())
+    return list(longest)
 
 
 def _arm(
@@ -223,7 +225,8 @@ def _arm(
     hand, used, at = _hand(tree, source, side, chain, k, tip, shoulder, look)
     points = {f"{side}_shoulder": tree.name(shoulder), f"{side}_elbow": tree.name(chain[k]),
               f"{side}_hand": hand}  # fmt: skip
-    upper, lower = np.linalg.norm(elbow - tree.at(shoulder)), np.linalg.norm(at - elbow)
+    upper = float(np.linalg.norm(elbow - tree.at(shoulder)))
+    lower = float(np.linalg.norm(at - elbow))
     if not 0.4 < upper / max(lower, 1e-9) < 2.5:
         look.append(
             f"{side} arm: upper {upper * 1e3:.0f} mm, forearm {lower * 1e3:.0f} mm: unusual"
@@ -282,7 +285,8 @@ def _hand(
     shoulder: int, look: list[str],
 ) -> tuple[Point, list[int], np.ndarray]:  # fmt: skip
     """The hand point, the joints up to it, and where it is."""
-    elbow, upper = tree.at(chain[k]), np.linalg.norm(tree.at(chain[k]) - tree.at(shoulder))
+    elbow = tree.at(chain[k])
+    upper = float(np.linalg.norm(elbow - tree.at(shoulder)))
     after = [(i, tree.at(chain[i])) for i in range(k + 1, len(chain))]
     far = max((float(np.linalg.norm(at - elbow)) for _, at in after), default=0.0)
     least = max(0.5 * far, 0.3 * upper)

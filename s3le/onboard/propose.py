@@ -6,6 +6,7 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -176,7 +177,7 @@ def write(
     if not force and (there := [path for path in [*paths, *also] if path.exists()]):
         raise RobotError(f"{there[0]} exists; give another --name, or --force to replace it")
     for path, data in paths.items():
-        replace(path, lambda part, data=data: part.write_bytes(data))
+        replace(path, partial(Path.write_bytes, data=data))
     return list(paths)
 
 
@@ -336,7 +337,8 @@ def _speeds(tree: Tree, moving: list[str], look: list[str]) -> dict[str, float]:
 def _that_turn(robot: model.Geometry, look: list[str]) -> list[str]:
     """Moving joints without those that turn none of the vectors."""
     q = sense.poses(robot, 60)
-    kept, lost = [], []
+    kept: list[str] = []
+    lost: list[str] = []
     before = _unit(robot, q)
     for j, joint in enumerate(robot.joints):
         most = 0.0

@@ -65,12 +65,12 @@ def _gather(rows: list[dict[str, Any]], keys: list[str]) -> list[_Split]:
         value = {}
         for row in own:
             got = row.get("to_truth")
-            known = isinstance(got, (int, float)) and np.isfinite(got)
-            if row["method"] in keys and known:
+            if row["method"] in keys and isinstance(got, (int, float)) and np.isfinite(got):
                 value[str(row["clip"]), row["method"]] = float(got)
         counts = {row["clip"]: row.get("frames") for row in own}
-        known = all(count is not None for count in counts.values())
-        splits.append(_Split(str(name), clips, value, sum(counts.values()) if known else None))
+        known = [count for count in counts.values() if count is not None]
+        whole = sum(known) if len(known) == len(counts) else None
+        splits.append(_Split(str(name), clips, value, whole))
     return splits
 
 
@@ -177,7 +177,7 @@ def _panel(axes: Axes, split, clips, mean, methods, bars, over, sizes):
     axes.grid(axis="x")
 
 
-def _value(split: _Split, clip: str | None, key: str | None) -> tuple[float | None, int]:
+def _value(split: _Split, clip: str | None, key: str) -> tuple[float | None, int]:
     """Distance of a method on a motion, or its mean over motions; and of how many motions."""
     if clip is not None:
         return split.value.get((clip, key)), 1
@@ -222,7 +222,7 @@ def _angles(axes: Axes, top: float) -> None:
     above = axes.twiny()
     above.set_xlim(0.0, top)
     marks = [(1.0 - np.cos(np.radians(angle)), angle) for angle in _ANGLES]
-    shown = []
+    shown: list[tuple[float, float]] = []
     for at, angle in marks:
         if at <= top and (not shown or at - shown[-1][0] > 0.075 * top):
             shown.append((at, angle))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 MISSING = "not measured"
 NONE = "-"  # where a cell has no meaning
@@ -14,7 +14,7 @@ def at(tree: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return branch if isinstance(branch, Mapping) else {}
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Is it a finite number?"""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 

@@ -205,7 +205,7 @@ def _coverage(splits: Mapping[str, Any]) -> dict[str, list] | None:
     longest = cells.longest(own.get("mean") for split in splits.values() for own in split.values())
     rows = []
     for name in names:
-        row = [cells.text(name.replace("_", " "))]
+        row: list[str | results.Gauge] = [cells.text(name.replace("_", " "))]
         for split in splits.values():
             found = split.get(name, {})
             paired = found.get("with_pairs")

@@ -65,7 +65,7 @@ def read(path: Path) -> Media:
         rgb = rgb.resize((WIDEST, round(rgb.height * WIDEST / rgb.width)), Image.LANCZOS)
     made = io.BytesIO()
     rgb.save(made, format="WEBP", quality=_QUALITY, method=6)
-    return Media(made.getvalue(), *rgb.size, drawn=False)
+    return Media(made.getvalue(), rgb.width, rgb.height, drawn=False)
 
 
 def _bytes(path: Path) -> bytes:

@@ -174,13 +174,13 @@ def _bent(axes: Axes, own: dict[str, np.ndarray]) -> None:
     cells = np.stack((y[:-1, :-1], y[1:, :-1], y[1:, 1:], y[:-1, 1:]), axis=2).reshape(-1, 4, 2)
     face = colours((x[:-1, :-1] + x[1:, 1:]) / 2.0).reshape(-1, 3)
     axes.add_collection(
-        PolyCollection(cells, facecolors=face, edgecolors=face, linewidths=0.4), autolim=False
+        PolyCollection(list(cells), facecolors=face, edgecolors=face, linewidths=0.4), autolim=False
     )
     edge, tint = (np.concatenate((rows[-1], rows[::-1, -1])) for rows in (y, x))
     axes.plot(*edge.T, "-", color=style.INK, linewidth=5.0, zorder=3, solid_capstyle="round")
     axes.add_collection(
         LineCollection(
-            np.stack((edge[:-1], edge[1:]), axis=1), colors=colours(tint[1:]), linewidths=3.0,
+            list(np.stack((edge[:-1], edge[1:]), axis=1)), colors=colours(tint[1:]), linewidths=3.0,
             zorder=4, capstyle="round",
         ),
         autolim=False,

@@ -104,9 +104,9 @@ def split(name: str, split: Mapping[str, Any]) -> dict[str, Any]:
         "rows": rows,
         "own": own,
         "ratios": [
-            f"{own / to_truth[key]:.2f} times {told}"
+            f"{own / other:.2f} times {told}"
             for key, told in _RIVALS
-            if cells.is_number(own) and cells.is_number(to_truth.get(key)) and to_truth[key] > 0.0
+            if cells.is_number(own) and cells.is_number(other := to_truth.get(key)) and other > 0.0
         ],
         "unsafe": [
             f"{label} ({what} in {cells.rate(cells.at(methods, key).get(rate))} of the frames)"

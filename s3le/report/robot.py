@@ -48,8 +48,8 @@ def draw(path: Path, shown: Shown) -> None:
         figure = style.figure(max(width, 7.0), height)
         figure.text(0.02, 1 - 0.15 / height, shown.title, va="top", size=12, weight="bold")
         for k, image in enumerate(images):
-            box = (0.02 + 0.49 * k, below / height, 0.47, 1 - (below + 0.75) / height)
-            axes = figure.add_axes(box)
+            place = (0.02 + 0.49 * k, below / height, 0.47, 1 - (below + 0.75) / height)
+            axes = figure.add_axes(place)
             axes.imshow(image, extent=(left, right, low, high), interpolation="antialiased")
             axes.set_axis_off()
             axes.set_title(

@@ -54,10 +54,12 @@ def draw(path: Path, spaces: list[Space]) -> None:
                  (_PANEL - 0.45) / height)
             )  # fmt: skip
             colours = np.array([_HUES[i % len(_HUES)] if few else _HUES[0] for i in space.motion])
-            ax.scatter(*space.poses.T, s=2.0, color=_POSES, linewidths=0, rasterized=True)
-            lines = np.stack([space.human, space.truth], axis=1)
+            across, up = space.poses.T
+            ax.scatter(across, up, s=2.0, color=_POSES, linewidths=0, rasterized=True)
+            lines = list(np.stack([space.human, space.truth], axis=1))
             ax.add_collection(LineCollection(lines, colors=colours, linewidths=0.5, alpha=0.5))
-            ax.scatter(*space.human.T, s=9.0, c=colours, linewidths=0)
+            across, up = space.human.T
+            ax.scatter(across, up, s=9.0, c=colours, linewidths=0)
             ax.set_aspect("equal", "datalim")
             ax.set_xticks([])
             ax.set_yticks([])

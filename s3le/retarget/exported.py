@@ -198,7 +198,11 @@ def _after(
     """What a latent goes through before it is compared by L2; None: nothing."""
     if metric == "mahalanobis":
         return encoder.linear(np.array(onto, float))
-    return nets.decoder_x if metric == "decoded" else None
+    if metric != "decoded":
+        return None
+    if nets is None:
+        raise BundleError("metric 'decoded' compares what a model decodes, and there is none")
+    return nets.decoder_x
 
 
 def _settings(stored: Mapping, changed: Mapping) -> Settings:

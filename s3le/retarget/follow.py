@@ -95,7 +95,7 @@ def follow(
         ) / fps  # fmt: skip
         first = 0
     stream = retargeter.start(start)
-    if lead:
+    if lead and start is not None:
         rows.append((_standing(start), np.nan))
     first = first if start is None else 0
     previous = times[first] - 1.0 / fps

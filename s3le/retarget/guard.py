@@ -54,10 +54,8 @@ class Memory(NamedTuple):
 
 def memory(n_dof: int) -> Memory:
     """An empty memory for a robot of n_dof joints."""
-    rows = [np.zeros(n_dof) for _ in range(5)]
-    return Memory(
-        *rows[:3], np.zeros((2, n_dof)), np.zeros(3, np.int64), *rows[3:], np.zeros(8)
-    )  # fmt: skip
+    a, b, c, d, e = (np.zeros(n_dof) for _ in range(5))
+    return Memory(a, b, c, np.zeros((2, n_dof)), np.zeros(3, np.int64), d, e, np.zeros(8))
 
 
 @compiled

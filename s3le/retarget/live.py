@@ -57,7 +57,8 @@ class Live:
             raise ParameterError(f"rate must be in [0.1, 10000] Hz, got {rate!r}")
         self._its, self._period, self._tilt = retargeter, 1.0 / rate, tilt_max
         self._about = about or {}
-        self._time, self._owed, self._last_t, self._number = 0.0, 0.0, None, 0
+        self._time, self._owed, self._number = 0.0, 0.0, 0
+        self._last_t: float | None = None
         self._heading = 0.0  # [rad], of the last good line
         self._stream = retargeter.start(retargeter.robot.anchor, check=True)
 
@@ -194,11 +195,11 @@ def _parse(line: bytes) -> dict[str, Any]:
 
 def _array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
     try:
-        array = np.array(values, dtype=object)
-        good = array.shape == shape and all(
-            isinstance(v, int | float) and not isinstance(v, bool) for v in array.ravel()
+        given = np.array(values, dtype=object)
+        good = given.shape == shape and all(
+            isinstance(v, int | float) and not isinstance(v, bool) for v in given.ravel()
         )
-        array = array.astype(float) if good else None
+        array = given.astype(float) if good else None
     except (ValueError, TypeError, OverflowError):
         array = None
     if array is None or not np.isfinite(array).all():

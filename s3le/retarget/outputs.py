@@ -112,6 +112,7 @@ def write(result: Result, robot: Robot, out: Path, shape: Shape) -> Result:
         files.write(written, out / f"{name}{suffix}")
     for tool in shape.tools:
         to = out / f"{name}{layouts.SUFFIX[tool]}"
+        assert complete is not None and shape.whole is not None and shape.base is not None
         numbered = whole.numbered(complete, shape.whole)
         layouts.write(numbered, shape.base, summary["rate"], tool, to)
     documents.write_json(summary, out / f"{name}.json")

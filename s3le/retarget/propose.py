@@ -5,6 +5,7 @@ answer comes to the human, never whether it is safe.
 """
 
 import threading
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -49,7 +50,7 @@ class LookUp:
 class Decoder:
     """A pose that a network makes up; it may break limits and collide."""
 
-    def __init__(self, encoder: Encoder, decoder: Encoder) -> None:
+    def __init__(self, encoder: Encoder, decoder: Callable[[np.ndarray], np.ndarray]) -> None:
         """Take both networks."""
         self._encoder, self._decoder = encoder, decoder
 

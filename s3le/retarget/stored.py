@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import cache as once
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -212,7 +212,8 @@ def _helper(robot: Robot, watch: Watch) -> Iterator[None]:
     process = subprocess.Popen(
         words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     )
-    reader = threading.Thread(target=_tell, args=(process, watch), daemon=True)
+    assert process.stdin is not None and process.stdout is not None  # both are piped
+    reader = threading.Thread(target=_tell, args=(process.stdout, watch), daemon=True)
     try:
         reader.start()
         with suppress(BrokenPipeError), process.stdin as pipe:
@@ -230,8 +231,8 @@ def _packed(robot: Robot) -> bytes:
     return json.dumps([[name, data.hex()] for name, data in robot.to_bytes()]).encode()
 
 
-def _tell(process: subprocess.Popen, watch: Watch) -> None:
-    for line in process.stdout:
+def _tell(told: IO[bytes], watch: Watch) -> None:
+    for line in told:
         watch("poses", int(line), 2 * ROWS)
 
 

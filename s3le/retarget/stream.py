@@ -125,12 +125,13 @@ class Stream:
             self._take(usable, dt)
         elif not started:
             raise ParameterError("the first frame of a stream has no seven finite vectors")
-        elif self._x is None:
+        x_now = self._x
+        if x_now is None:
             return self._hold(Mode.DROPPED)
         its = self._its
         found, how = guard.frame(
-            its.robot.chain, its.swept, self._scratch, memory, self._x,
-            its.propose(self._x), its.robot.anchor, dt, its.speed, its.brake, its.rule,
+            its.robot.chain, its.swept, self._scratch, memory, x_now,
+            its.propose(x_now), its.robot.anchor, dt, its.speed, its.brake, its.rule,
         )  # fmt: skip
         if started:
             return self._go(found, how, dt, usable is None)

@@ -28,7 +28,7 @@ _KEYS = (
     "name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation",
     "srdf", "hulls", "velocity",
 )  # fmt: skip
-_OPTIONAL = {
+_OPTIONAL: dict[str, Any] = {
     "srdf": None, "hulls": None, "base_rpy": [0.0, 0.0, 0.0], "hold": {}, "velocity": {},
     "pair_inflation": 1.1,
 }  # fmt: skip
@@ -124,16 +124,20 @@ def read_description(path: Path, held: Mapping[str, bytes] | None = None) -> Des
     joints = tree["joints"]
     if not isinstance(joints, list) or not joints or len(set(map(str, joints))) != len(joints):
         raise RobotError(f"{path}: joints must be a list of different joint names, got {joints!r}")
+    roll, pitch, yaw = (_number(path, "base_rpy", v, -WIDEST, WIDEST) for v in rpy)
+    urdf = files["urdf"]
+    if own is None or urdf is None:
+        raise RobotError(f"{path}: it or its URDF has gone while it was read; try again")
     return Description(
         name=str(tree["name"]),
         source=path,
         urdf_name=str(tree["urdf"]),
-        urdf=files["urdf"],
+        urdf=urdf,
         srdf_name=None if tree["srdf"] is None else str(tree["srdf"]),
         srdf=files["srdf"],
         hulls_name=None if tree["hulls"] is None else str(tree["hulls"]),
         hulls=files["hulls"],
-        base_rpy=tuple(_number(path, "base_rpy", v, -WIDEST, WIDEST) for v in rpy),
+        base_rpy=(roll, pitch, yaw),
         points={role: _place(path, role, points[role]) for role in MAPPED if role in points},
         joints=tuple(map(str, joints)),
         hold=_angles(path, "hold", tree["hold"]),

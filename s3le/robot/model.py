@@ -304,7 +304,7 @@ def _sizes(shape: coal.CollisionGeometry) -> list[float]:
     return [*sizes, *getattr(shape, "halfSide", [])]
 
 
-def _near(where: str, what: str, *numbers: np.ndarray) -> None:
+def _near(where: str, what: str, *numbers: np.ndarray | list[float]) -> None:
     """Refuse lengths and places [m] that no robot has; NaN compares False."""
     for part in numbers:
         if not (np.abs(part) <= FARTHEST).all():

@@ -38,7 +38,7 @@ def body_kinds(robot: Geometry) -> list[str]:
     what stands still and lies below the hip belongs to the trunk too, so the legs are "trunk".
     """
     trunk = set(robot.path_to(robot.points["neck"].joint))
-    sides = {}
+    sides: dict[int, str] = {}
     for side in robot.arms:
         for joint in robot.path_to(robot.points[f"{side}_hand"].joint):
             if joint not in trunk:

@@ -7,7 +7,7 @@ margin. Whoever checks a pose checks this robot, not a file that may since have 
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +151,7 @@ class Robot(Geometry):
         """Write the folder that `read` takes: robot file, URDF, settings and the list of pairs."""
         folder.mkdir(parents=True, exist_ok=True)
         for name, data in self.to_bytes():
-            replace(folder / name, lambda part, data=data: part.write_bytes(data))
+            replace(folder / name, partial(Path.write_bytes, data=data))
         documents.write_json({"fixed": self.fixed}, folder / BONES_FILE)
         rows = [
             (
@@ -179,7 +179,7 @@ class Robot(Geometry):
             ("srdf", text.srdf_name, text.srdf),
             ("hulls", text.hulls_name, text.hulls),
         ):
-            if file is not None:
+            if name is not None and file is not None:
                 local = local.replace(name, file.name)
                 found[file.name] = text.files[kind]
         settings = documents.encode_json({"margin": self.margin, "neck": self.neck})
@@ -280,7 +280,8 @@ def _present(robot: Geometry) -> np.ndarray:
 
 def _settings(tree: Mapping[str, Any], file: Path) -> tuple[float, str]:
     """Margin [m] and neck of a robot's settings."""
-    margin, neck = tree.get("margin"), tree.get("neck")
+    margin: Any = tree.get("margin")
+    neck: Any = tree.get("neck")
     if type(margin) not in (int, float) or not 0.0 <= margin < 1.0 or neck not in NECKS:
         raise RobotError(
             f"{file}: wanted are a margin in [0, 1) m and a neck of "

@@ -132,10 +132,12 @@ def refuse_lost_geometry(where: str, root: ElementTree.Element, names: list[str]
     read = Counter(name.rpartition("_")[0] for name in names)
     for link in root.findall("link"):
         written = len(link.findall("collision"))
-        if read[link.get("name")] < written:
+        name = link.get("name")
+        there = 0 if name is None else read[name]
+        if there < written:
             raise RobotError(
-                f"{where}: link '{link.get('name')}' has {written} collision elements, only "
-                f"{read[link.get('name')]} could be read; write finite sizes, and "
+                f"{where}: link '{name}' has {written} collision elements, only "
+                f"{there} could be read; write finite sizes, and "
                 '<robot version="1.1"> where there is a <capsule>'
             )
 

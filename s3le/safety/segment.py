@@ -49,7 +49,8 @@ class Scratch(NamedTuple):
     ends: np.ndarray  # [m], (slots, b, 3, 3)
     t: np.ndarray  # (slots,)
     pairs: np.ndarray  # int32 (slots, p), still open on the part of the path that ends here
-    count: np.ndarray  # int64 (slots,), how many these are
+    # Hides tuple.count, which nobody calls.
+    count: np.ndarray  # type: ignore[assignment]  # int64 (slots,), how many these are
     least: np.ndarray  # [m], (slots,), what is proven of them
     slot: np.ndarray  # int64 (slots,): first the slot where the part begins, then a stack of ends
     travel: np.ndarray  # [m], (b, n + 1), V of every core as seen from each frame that carries it

@@ -12,8 +12,9 @@ does every metric that has no graph (l1). A file is numbers and a checksum; noth
 import hashlib
 import json
 import os
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -110,7 +111,7 @@ class Neighbours:
         arrays = self.graph.links if self.graph else none, self.stored
         digest = hashlib.sha256()
         for array in arrays:
-            digest.update(array)
+            digest.update(array.data)
         head = {
             "metric": self.metric,
             "shape": self.stored.shape,
@@ -122,7 +123,7 @@ class Neighbours:
             with part.open("wb") as file:
                 file.write(_MAGIC + json.dumps(head, sort_keys=True).encode() + b"\n")
                 for array in arrays:
-                    file.write(array.tobytes() if not array.size else array)
+                    file.write(array.tobytes() if not array.size else array.data)
 
         replace(path, fill)
 
@@ -223,7 +224,7 @@ def load(path: Path) -> Neighbours:
     return Neighbours(metric, graph, stored)
 
 
-def _read(file: BinaryIO) -> tuple[str, np.ndarray, np.ndarray]:
+def _read(file: BufferedReader) -> tuple[str, np.ndarray, np.ndarray]:
     """Metric, latents and links of a file, past its magic line, fit for a walk to follow.
 
     Raises:
@@ -242,8 +243,8 @@ def _read(file: BinaryIO) -> tuple[str, np.ndarray, np.ndarray]:
     digest = hashlib.sha256()
     for array in (links, stored):
         if array.size:
-            file.readinto(memoryview(array).cast("B"))
-        digest.update(array)
+            file.readinto(array.data.cast("B"))
+        digest.update(array.data)
     if digest.hexdigest() != head["sha256"]:
         raise ValueError("its checksum is another; damaged or changed")
     # A checksum can be forged; what the walk takes for granted is looked at.

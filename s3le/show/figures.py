@@ -55,7 +55,7 @@ def check(row: Row, n: int) -> None:
             f"{where}: skeleton must have shape ({n}, {DIM}), got {np.shape(row.skeleton)}"
         )
     if row.ends is not None:
-        shape, radii = np.shape(row.ends), np.shape(row.radius)
+        shape, radii = np.shape(row.ends), () if row.radius is None else np.shape(row.radius)
         if len(shape) != 4 or shape[0] != n or shape[2:] != (2, 3) or radii != shape[1:2]:
             raise ParameterError(
                 f"{where}: ends must have shape ({n}, b, 2, 3) and radius (b,), "
@@ -76,7 +76,7 @@ class Cells:
     def __init__(self, row: Row):
         """Take a row that check has passed."""
         self.row = row
-        if row.human:
+        if row.skeleton is not None:
             self.ends, self.radius, names = stick_figures(row.skeleton)
             self.colours = np.array([to_rgb(name) for name in names])
         else:
@@ -114,8 +114,8 @@ def window(shown: list[Cells], view: np.ndarray | None = None, floor: bool = Tru
         view: the camera's rotation (camera.camera); None: its usual one.
         floor: put a floor below the lowest of them.
     """
-    boxes = [extent(c.ends[c.good], c.radius, view) for c in shown if c.good.any()]
-    boxes = np.array(boxes or [_NOTHING])
+    drawn = [extent(c.ends[c.good], c.radius, view) for c in shown if c.good.any()]
+    boxes = np.array(drawn or [_NOTHING])
     lowest = [c.lowest for c in shown if c.lowest is not None]
     return Window(
         float(boxes[:, 0].min()), float(boxes[:, 1].max()),
@@ -131,7 +131,7 @@ def still(row: Row) -> np.ndarray:
     ends = np.asarray(row.ends, float)
     ends = ends[np.isfinite(ends).all(axis=(1, 2, 3))]
     if len(ends) < 2:
-        return np.zeros(len(row.radius), bool)
+        return np.zeros(len(np.asarray(row.radius)), bool)
     still = (np.ptp(ends, axis=0) <= _STILL).all(axis=(1, 2))
     return still & ~still.all()  # a robot that never moves is not all legs
 

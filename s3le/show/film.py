@@ -155,12 +155,12 @@ class Film:
     def _box(self, x0: float, y: float, x1: float, tall: float, colour: str, **how) -> Rectangle:
         """A box from share x0 to x1 of the width, y pixels below the upper edge."""
         width, height = self.size
-        return self._figure.add_artist(
-            Rectangle(
-                (x0, 1 - (y + tall) / height), x1 - x0, tall / height,
-                transform=self._figure.transFigure, facecolor=colour, edgecolor="none", **how,
-            )
+        made = Rectangle(
+            (x0, 1 - (y + tall) / height), x1 - x0, tall / height,
+            transform=self._figure.transFigure, facecolor=colour, edgecolor="none", **how,
         )  # fmt: skip
+        self._figure.add_artist(made)
+        return made
 
 
 _ALARM = np.array([int(style.ALARM[i : i + 2], 16) for i in (1, 3, 5)], np.uint8)

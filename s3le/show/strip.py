@@ -6,7 +6,7 @@ robot is drawn from its capsules. One camera and one scale [pixels per metre] fo
 
 import textwrap
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -208,7 +208,7 @@ class _Page:
     def __init__(self, figure: Figure, width: int, height: int):
         self.figure, self.width, self.height = figure, width, height
 
-    def text(self, x: float, y: float, text: str, **how: object) -> None:
+    def text(self, x: float, y: float, text: str, **how: Any) -> None:
         self.figure.text(x / self.width, 1.0 - y / self.height, text, **how)
 
     def box(

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from functools import cache
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from anyascii import anyascii
@@ -53,7 +54,7 @@ ALARM = "#c4161c"
 
 DPI = 150
 
-_SHEET = {
+_SHEET: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib, so every machine has it
     "font.size": 9.0,
     "axes.titlesize": 10.0,

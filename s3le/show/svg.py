@@ -69,4 +69,6 @@ def inline(drawing: str, name: str) -> str:
 def size(drawing: str) -> tuple[float, float]:
     """Width and height of a drawing, in its own units."""
     box = re.search(r'viewBox="0 0 ([0-9.]+) ([0-9.]+)"', drawing)
+    if box is None:
+        raise ValueError("a drawing without a viewBox from 0 0")
     return float(box[1]), float(box[2])

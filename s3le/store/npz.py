@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 from numpy.lib import format as npy
@@ -58,10 +58,10 @@ def read_npz(
         for name, entry in zip(names, entries, strict=True):
             with archive.open(entry) as stream:
                 read = _array(f"{path}: '{name[:40]}'", stream, entry.file_size, error, closed)
-            if read is None:
-                closed.append(name)
-            else:
+            if read is not None:
                 arrays[name] = read
+            elif closed is not None:  # else _array has refused it
+                closed.append(name)
     return arrays
 
 
@@ -75,7 +75,10 @@ def read_npy(path: Path, error: type[S3leError], most: int) -> np.ndarray:
     if size > most + LONGEST_HEADER:
         raise error(f"{path}: holds more than {_size(most)}")
     with path.open("rb") as stream:
-        return _array(str(path), stream, size, error, None)
+        array = _array(str(path), stream, size, error, None)
+    if array is None:
+        raise error(f"{path} holds neither numbers nor words")
+    return array
 
 
 def pickled(path: Path, error: type[S3leError], most: int) -> bytes | None:
@@ -93,13 +96,13 @@ def pickled(path: Path, error: type[S3leError], most: int) -> bytes | None:
     return data
 
 
-def _header(stream: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype]:
+def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     """Shape, order and type; the stream then stands behind it."""
     return _HEADERS[npy.read_magic(stream)](stream, max_header_size=LONGEST_HEADER)
 
 
 def _array(
-    name: str, stream: BinaryIO, size: int, error: type[S3leError], closed: list[str] | None
+    name: str, stream: IO[bytes], size: int, error: type[S3leError], closed: list[str] | None
 ) -> np.ndarray | None:
     """One .npy, held to its own header before memory is asked for; None: it stays closed."""
     with _refusing(f"{name} is no array of numpy's", error):

@@ -5,10 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s3le.errors import TableError
+from s3le.errors import ParameterError, TableError
 from s3le.kernels import batch
 from s3le.learn import artifact
 from s3le.learn.methods import Entry
+from s3le.retarget import exported
+from s3le.retarget.stream import Retargeter
 from s3le.retarget.table import stored_poses
 from s3le.robot.certificate import Report
 from s3le.robot.robot import Robot
@@ -51,14 +53,20 @@ def stored(
     """
     z, net = human, None
     if entry.model:
+        if model is None:
+            raise ParameterError(f"'{entry.model}' wants the file of its model")
         net, _ = artifact.load_model(model, method=entry.model, robot_hash=robot.tag)
         z = artifact.encode_x(net, human)
     by, n = entry.model or "skeleton", len(human)
     if pool is None:
+        if net is None:
+            raise ParameterError("an entry without stored poses wants a model that decodes")
         q = artifact.decode_q(net, z).astype(float)
         if progress:
             progress(n)
         return Answered(q, np.full(n, -1), np.full(n, "decoded"), by, 0)
+    if metric is None:
+        raise ParameterError("an entry with stored poses wants a metric")
     found, _ = metrics.look_up(*comparable(pool, z, metric, net), progress)
     return Answered(pool["q"][found], found, np.full(n, "lookup"), by, len(pool["z"]))
 
@@ -82,13 +90,13 @@ def followed(
     Raises:
         BundleError, CertificateError: see online.follow.
     """
-    about = documents.read_json(folder / folder.ABOUT, "export")
-    retargeter = folder.load(folder)
+    about = documents.read_json(folder / exported.ABOUT, "export")
+    retargeter = Retargeter.load(folder)
     refine = name == "certified_refined"
     q, mode = follow(
         robot, retargeter, frames["clip"], frames["time"], frames["x"], refine, progress
     )
-    poses, pool = folder / folder.POSES, 0
+    poses, pool = folder / exported.POSES, 0
     if poses.exists():  # a decoder has none
         table = stored_poses(robot.n_dof, robot.margin)
         pool = len(tables.read(table, poses, robot.tag, ("row",))["row"])
@@ -175,6 +183,8 @@ def comparable(
     """
     stored = pool["z"]
     if metric == "decoded":
+        if net is None:
+            raise ParameterError("metric 'decoded' wants a model that decodes")
         stored, z, metric = artifact.decode_x(net, stored), artifact.decode_x(net, z), "l2"
     elif metric == "mahalanobis":
         onto = metrics.to_skeletons(stored, pool["x"])

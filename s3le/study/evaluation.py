@@ -87,7 +87,7 @@ def between(
         collides=collides[row],
         undecided=(free.status[row] != CERTIFIED) & ~collides[row],
         unproven=kept.status[row] != CERTIFIED,
-        fast=~(speed <= wanted.velocity * (1.0 + audit.ROUNDING)).all(axis=1),
+        fast=np.asarray(~(speed <= wanted.velocity * (1.0 + audit.ROUNDING)).all(axis=1)),
         jump=step[row].max(axis=1, initial=0.0),
         margin=wanted.margin_between,
     )
@@ -117,7 +117,7 @@ def summary(
         have counts; "all" has shares, of the segments between two feasible frames for collisions
         and what is undecided about them, of all segments else; None where there is none.
     """
-    clips, modes = np.asarray(clips), np.asarray(modes)
+    of_clip, of_mode = np.asarray(clips), np.asarray(modes)
     collides = ~(report.clearance >= 0.0)  # NaN collides
     outside = ~(report.limit_margin >= 0.0)
     close = ~(report.clearance >= margin)
@@ -131,13 +131,13 @@ def summary(
             "below_margin_rate": float(close[rows].mean()),
             "limit_rate": float(outside[rows].mean()),
             **{
-                name: float(np.isin(modes[rows], words).mean()) for name, words in _MODES.items()
+                name: float(np.isin(of_mode[rows], words).mean()) for name, words in _MODES.items()
             },
             **_segments(paths, rows[paths.row]),
         }
 
-    motions = {str(clip): figures(clips == clip) for clip in dict.fromkeys(clips.tolist())}
-    total = figures(np.ones(len(clips), bool))
+    motions = {str(clip): figures(of_clip == clip) for clip in dict.fromkeys(of_clip.tolist())}
+    total = figures(np.ones(len(of_clip), bool))
     means = [motion["to_truth"] for motion in motions.values()]
     total["to_truth_motions"] = float(np.mean(means))  # every motion counts the same
     return {"all": total | _shares(total, paths.margin), "motions": motions}

@@ -92,7 +92,8 @@ def follow(
         made.append((q, mode))
         if progress:
             progress(len(rows))
-    return tuple(np.concatenate(part) for part in zip(*made, strict=True))
+    poses, modes = (np.concatenate(part) for part in zip(*made, strict=True))
+    return poses, modes
 
 
 def _refined(

@@ -48,8 +48,8 @@ def spaces(
         plane, rank = principal(stored)
         apart = float(np.sqrt(((z_x - z_q) ** 2).sum(axis=1).mean() / stored.var(axis=0).sum()))
         centre = stored.mean(axis=0)
-        flat = [(z - centre) @ plane for z in (stored, z_x, z_q)]
-        found.append(Space(method, *flat, motion, motions.tolist(), rank, apart))
+        of_q, of_x, of_truth = ((z - centre) @ plane for z in (stored, z_x, z_q))
+        found.append(Space(method, of_q, of_x, of_truth, motion, motions.tolist(), rank, apart))
     return found
 
 

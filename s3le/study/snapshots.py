@@ -65,7 +65,7 @@ def strip(
         keys = zip(table["clip"], table["frame"].tolist(), strict=True)
         return np.array([i for i, key in enumerate(keys) if key in wanted])
 
-    def robot(label: str, table: Columns, distances: np.ndarray, key: str) -> Row:
+    def posed(label: str, table: Columns, distances: np.ndarray, key: str) -> Row:
         found = at(table)
         return Row(
             label,
@@ -78,9 +78,9 @@ def strip(
 
     return [
         Row("human", skeleton=frames["x"][rows]),
-        robot("ground truth", truth, truth["to_human"], "truth"),
+        posed("ground truth", truth, truth["to_human"], "truth"),
         *(
-            robot(labels[name], table, table["to_truth"], name)
+            posed(labels[name], table, table["to_truth"], name)
             for name, table in answers.items()
         ),
     ]

@@ -41,7 +41,7 @@ def project(x: np.ndarray) -> np.ndarray:
 
 def invariant(x: np.ndarray) -> np.ndarray:
     """True, (n,), where a point of Relaxed X (n, 2) shares its projection with others."""
-    return (x > 1.0).any(axis=1)
+    return np.asarray((x > 1.0).any(axis=1))
 
 
 def to_y(x: np.ndarray) -> np.ndarray:

@@ -54,7 +54,8 @@ class Draw(NamedTuple):
     lower: np.ndarray  # of the box [rad], (n_dof,)
     upper: np.ndarray  # of the box [rad], (n_dof,)
     first: int  # number of the first row among the rows of all shards
-    count: int  # rows wanted
+    # Hides tuple.count, which nobody calls.
+    count: int  # type: ignore[assignment]  # rows wanted
     rng: np.random.Generator  # of this shard
     seed: int  # of the run, the same for all shards
 

@@ -74,7 +74,9 @@ class Process:
         except OSError as error:
             self._words.close()
             raise VideoError(f"{python} cannot be run ({error.strerror}); {_SETUP}") from None
-        os.set_blocking(self._process.stdin.fileno(), False)
+        assert self._process.stdin is not None and self._process.stdout is not None  # both piped
+        self._to, self._from = self._process.stdin, self._process.stdout
+        os.set_blocking(self._to.fileno(), False)
         try:
             kind, payload = self._read(time.monotonic() + begin, "to start")
             if kind != worker.HELLO:
@@ -103,7 +105,7 @@ class Process:
 
     def close(self) -> None:
         """End it, whatever it does."""
-        for pipe in (self._process.stdin, self._process.stdout):
+        for pipe in (self._to, self._from):
             pipe.close()
         try:
             self._process.wait(1.0)
@@ -127,7 +129,7 @@ class Process:
         pixels = np.ascontiguousarray(picture, np.uint8).tobytes()
         rest = memoryview(worker.message(worker.FRAME, pixels, width, height))
         deadline = time.monotonic() + self._answer
-        pipe = self._process.stdin.fileno()
+        pipe = self._to.fileno()
         while rest:
             if not select.select([], [pipe], [], max(deadline - time.monotonic(), 0.0))[1]:
                 raise self._hung("to take a frame", self._answer)
@@ -171,7 +173,7 @@ class Process:
         return kind, payload
 
     def _bytes(self, count: int, deadline: float, what: str) -> bytes:
-        pipe = self._process.stdout.fileno()
+        pipe = self._from.fileno()
         data = b""
         while len(data) < count:
             left = deadline - time.monotonic()
@@ -185,7 +187,7 @@ class Process:
 
     def _dead(self) -> VideoError:
         try:
-            status = self._process.wait(5.0)
+            status = str(self._process.wait(5.0))
         except subprocess.TimeoutExpired:
             status = "none"
         self._words.seek(max(self._words.seek(0, os.SEEK_END) - 4096, 0))

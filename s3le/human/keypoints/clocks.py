@@ -177,7 +177,8 @@ def rate(
 
 def _agree(path: Path | str, clock: Clock) -> None:
     """Refuse times that give another rate than the one that is named."""
-    if clock.time is None or len(clock.time) < 2:
+    fps = clock.fps
+    if clock.time is None or fps is None or len(clock.time) < 2:
         return
     steps = np.diff(clock.time)
     # Rounded times have another median than mean, and times with gaps another mean than median.
@@ -185,8 +186,8 @@ def _agree(path: Path | str, clock: Clock) -> None:
     if (steps == 1.0).all() or not all(len(rates) == 1 for rates in both):
         return
     seen = [found for rates in both for found in rates.values()]
-    if all(abs(found / clock.fps - 1.0) > APART for found in seen):
-        raise refusal(path, None, f"its rate is {clock.fps:g} Hz, its times give "
+    if all(abs(found / fps - 1.0) > APART for found in seen):
+        raise refusal(path, None, f"its rate is {fps:g} Hz, its times give "
                       f"{_round(seen[0]):g} Hz; say which with --fps")  # fmt: skip
 
 

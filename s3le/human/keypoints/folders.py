@@ -50,6 +50,8 @@ def read_frames(path: Path | str, how: How) -> Found:
             whatever is wrong with a file.
     """
     folder = frames_of(path)
+    if folder is None:
+        raise refusal(path, None, "is no folder of frames")
     files = {file.name: _kind(file.name) for file in sorted(folder.iterdir())}
     kinds = {kind for kind in files.values() if kind}
     if len(kinds) > 1:
@@ -81,7 +83,7 @@ def _kind(name: str) -> re.Pattern | None:
 
 def _numbered(folder: Path, names: list[str], pattern: re.Pattern) -> tuple[list[int], int]:
     """Which frame each file is, and how many frames there are."""
-    parts = [pattern.fullmatch(name).groups() for name in names]
+    parts = [found.groups() for name in names if (found := pattern.fullmatch(name))]
     if len({stem for stem, _ in parts}) > 1:
         stems = sorted({stem for stem, _ in parts})[:4]
         raise refusal(folder, None, f"holds frames of several sequences: {', '.join(stems)}, ...")

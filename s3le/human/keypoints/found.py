@@ -84,8 +84,8 @@ def find(path: Path | str, tree: Any, how: How) -> Found:
             keys = {key(name): name for name in tree}
             break
     if people.is_phalp(tree):
-        rows, person = people.of_phalp(path, tree, how)
-        return find(path, rows, how._replace(person=None))._replace(person=person)
+        shown, person = people.of_phalp(path, tree, how)
+        return find(path, shown, how._replace(person=None))._replace(person=person)
     if keys and all(WHOLE.fullmatch(name) for name in keys) and all(
         isinstance(value, (Mapping, list)) for value in tree.values()
     ):
@@ -100,6 +100,7 @@ def find(path: Path | str, tree: Any, how: How) -> Found:
 
 
 def _of_keys(path: Path | str, tree: Mapping, keys: dict[str, Any], how: How) -> Found:
+    base: Found | None
     found = _places(keys)
     if found:
         taken = keys[found]
@@ -150,16 +151,16 @@ def _spread(base: Found, rows: np.ndarray, name: str) -> Found:
     """Frames at their own rows, unknown ones between them."""
     whole = int(rows[-1]) + 1
 
-    def at(values: np.ndarray | None) -> np.ndarray | None:
-        if values is None:
-            return None
+    def at(values: np.ndarray) -> np.ndarray:
         made = np.full((whole, *values.shape[1:]), np.nan)
         made[rows] = values
         return made
 
     told = f"{whole - len(rows)} frames are left out between others, by '{name}'"
     return base._replace(
-        joints=at(base.joints), confidence=at(base.confidence), told=(*base.told, told)
+        joints=at(base.joints),
+        confidence=None if base.confidence is None else at(base.confidence),
+        told=(*base.told, told),
     )
 
 

@@ -132,7 +132,7 @@ def _motion(path: Path, tree: Mapping, buffers: list[bytes], how: How) -> Found:
     nodes = tree.get("nodes", [])
     if not 0 < len(nodes) <= MOST_NODES:
         raise refusal(path, None, f"{len(nodes)} nodes, wanted 1 to {MOST_NODES}")
-    parent = {}
+    parent: dict[int, int] = {}
     for number, node in enumerate(nodes):
         for child in node.get("children", []):
             if parent.setdefault(_whole(child), number) != number or child >= len(nodes):
@@ -258,8 +258,8 @@ def _local(node: Mapping, keys: Mapping[str, Keys | None], time: np.ndarray) -> 
         made[:] = np.array(node["matrix"], float).reshape(4, 4).T
         return made
     place, turn, scale = (
-        np.broadcast_to(_rest(node, what), (len(time), width)) if keys[what] is None
-        else gltf_keys.sampled(keys[what], time)
+        np.broadcast_to(_rest(node, what), (len(time), width)) if (moved := keys[what]) is None
+        else gltf_keys.sampled(moved, time)
         for what, width in _PATHS.items()
     )  # fmt: skip
     made[:, :3, :3] = _matrix(turn) * scale[:, None, :]

@@ -68,7 +68,7 @@ def recorded(about: Mapping[str, Any]) -> How:
     """What a motion file says of how its clip was read; what makes no sense is left out."""
     how = How()
     for name in How._fields:
-        value = about.get(f"{_PREFIX}{name}")
+        value: Any = about.get(f"{_PREFIX}{name}")
         try:
             if name in ("pitch", "confidence", "person"):
                 value = float(value)

@@ -82,6 +82,8 @@ def _run(data: bytes, at: int, storages: Any) -> tuple[Any, int]:
     marks: list[int] = []
     memo: dict[int, Any] = {}
     frame_ends = at
+    argument: Any
+    place: Any  # an int: the stream can tell
     for code, argument, place in pickletools.genops(stream):
         now.left -= 1
         if now.left < 0:
@@ -179,5 +181,5 @@ _PUSHED = {
 }  # fmt: skip
 _CONSTANT = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
 _MADE = {"EMPTY_LIST": list, "EMPTY_DICT": dict, "EMPTY_TUPLE": tuple}
-_COLLECT = {"LIST": list, "TUPLE": tuple, "DICT": dict_of}
+_COLLECT: dict[str, Callable[[list], Any]] = {"LIST": list, "TUPLE": tuple, "DICT": dict_of}
 _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}

@@ -9,9 +9,11 @@ import reprlib
 from collections import OrderedDict
 from collections.abc import Callable
 from math import prod
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+
+_Order = Literal["C", "F"]  # of an array: the last index runs fastest, or the first
 
 MOST = 2**63  # of keys and lengths
 MOST_NUMBERS = 20_000_000  # of one tensor, which may repeat those of its storage
@@ -45,7 +47,8 @@ class _Reading:
         self.most = self.left = most
         self.objects, self.run = objects, run
         self.made_of: dict[int, tuple[str, bytes]] = {}  # texts that were made bytes
-        self.storages: dict[int, tuple[bytes, Any]] = {}  # bytes that were read as torch's numbers
+        # Bytes that were read as torch's numbers.
+        self.storages: dict[int, tuple[bytes | bytearray, Any]] = {}
 
 
 now = _Reading()
@@ -176,7 +179,7 @@ def _bytes(data: Any) -> bytes | bytearray:
     return data
 
 
-def _numbers(kind: Any, shape: Any, data: bytes, order: str = "C") -> np.ndarray:
+def _numbers(kind: Any, shape: Any, data: bytes | bytearray, order: _Order = "C") -> np.ndarray:
     dtype = of(kind, _Type).dtype
     whole = isinstance(shape, tuple) and all(type(n) is int and 0 <= n < MOST for n in shape)
     if not whole:
@@ -191,9 +194,10 @@ def _numbers(kind: Any, shape: Any, data: bytes, order: str = "C") -> np.ndarray
 
 def reduced(name: Any, given: tuple) -> Any:
     """What a known constructor makes."""
-    if not isinstance(name, Name) or KNOWN[name.what] is None:
+    made = KNOWN[name.what] if isinstance(name, Name) else None
+    if made is None:
         raise Refused(f"refused, it wants to call {kind_of(name)}")
-    return KNOWN[name.what](*given)
+    return made(*given)
 
 
 def filled(state: Any) -> Any:

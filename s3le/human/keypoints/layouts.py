@@ -93,11 +93,15 @@ class Named(NamedTuple):
         """The same where only these joints are kept, in this order."""
         at = {joint: place for place, joint in enumerate(used)}
         points, front, legs = self.layout.points, self.layout.front, self.layout.legs
+
+        def there(own: Joints) -> Joints:
+            return tuple(at[j] for j in own)
+
         layout = Layout(
             (len(used),),
-            tuple(tuple(at[j] for j in own) for own in points),
-            front and tuple(tuple(at[j] for j in own) for own in front),
-            tuple(at[j] for j in legs),
+            tuple(there(own) for own in points),
+            front and (there(front[0]), there(front[1])),
+            there(legs),
         )
         return self._replace(layout=layout)
 
@@ -114,7 +118,8 @@ def by_names(names: Sequence[str], given: Mapping[str, str] | None = None) -> Na
     """
     rig = rigs.match(names, given)
     at, more = rig.joints, rig.more
-    behind, before = (), ()
+    behind: Joints = ()
+    before: Joints = ()
     if {"nose", "r_ear", "l_ear"} <= more.keys():
         behind, before = (more["r_ear"], more["l_ear"]), (more["nose"], more["nose"])
     if {f"{s}_{p}" for s in "rl" for p in ("ankle", "toe")} <= more.keys():

@@ -84,8 +84,9 @@ def posed(path: Path | str, tree: Mapping, keys: Mapping[str, Any], choice: Choi
             continue
         names = [f"'{keys[name]}'" for name in (root, others) if name]
         given = [tree[keys[name]] for name in (root, others) if name]
-        arrays = [numbers(path, v, name) for v, name in zip(given, names, strict=True)]
-        if any(array is None for array in arrays):
+        read = [numbers(path, v, name) for v, name in zip(given, names, strict=True)]
+        arrays = [array for array in read if array is not None]
+        if len(arrays) < len(read):
             continue
         what = " and ".join(names)
         found = _fitting(arrays)
@@ -97,10 +98,10 @@ def posed(path: Path | str, tree: Mapping, keys: Mapping[str, Any], choice: Choi
         if (at := _places(what, parts, found[0])) is not None:
             return at._replace(person=person)
         made, told = zip(*(_matrices(path, part, what) for part in parts), strict=True)
-        at = _place(path, tree, keys, place, found[0][0].lead, person)
+        origin = _place(path, tree, keys, place, found[0][0].lead, person)
         local = np.concatenate(made, axis=1)
         said = tuple(dict.fromkeys(word for word in told if word))
-        return Posed(smpl.placed(local, at), f"SMPL's rotations {what}", said, person)
+        return Posed(smpl.placed(local, origin), f"SMPL's rotations {what}", said, person)
     return None
 
 

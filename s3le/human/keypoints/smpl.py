@@ -64,8 +64,8 @@ def placed(local: np.ndarray, place: np.ndarray | None = None) -> np.ndarray:
     at[:, 0] = 0.0 if place is None else place
     turned = {0: local[:, 0]}
     for joint in sorted(tree):  # parents have smaller numbers
-        parent, offset = tree[joint]
-        at[:, joint] = at[:, parent] + turn(turned[parent], offset)
+        parent, bone = tree[joint]
+        at[:, joint] = at[:, parent] + turn(turned[parent], bone)
         turned[joint] = turned[parent] @ local[:, joint]
     return at
 

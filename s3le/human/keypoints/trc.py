@@ -64,7 +64,7 @@ def read_trc(path: Path | str, given: Mapping[str, str] | None = None) -> Found:
         raise refusal(path, None, "no frames")
     joints = table[:, 2:].reshape(len(table), len(names), 3)
     refuse_flat(path, joints, "its table")
-    told = ()
+    told: tuple[str, ...] = ()
     if about.get("numframes", len(table)) != len(table):
         told = (f"its head announces {about['numframes']:g} frames, there are {len(table)}",)
     time = table[:, 1] if np.isfinite(table[:, 1]).all() else None

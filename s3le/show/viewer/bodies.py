@@ -23,12 +23,14 @@ GLASS = 0.35  # opacity of what something else is to be seen through
 
 def rgb(colour: str) -> Colour:
     """A colour as "#rrggbb" in numbers."""
-    return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    r, g, b = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return r, g, b
 
 
 def soft(colour: str) -> Colour:
     """The colour of a surface: lighter, so that shading shows."""
-    return tuple(round(c + 0.3 * (255 - c)) for c in rgb(colour))
+    r, g, b = (round(c + 0.3 * (255 - c)) for c in rgb(colour))
+    return r, g, b
 
 
 def _capsule(length: float, radius: float) -> trimesh.Trimesh:

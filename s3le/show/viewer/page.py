@@ -171,9 +171,9 @@ class Page:
 
     def _size(self, robot: int) -> Size:
         """The robot's own segments [m], the mean of left and right."""
-        robot = self.motions[robot].robot
-        points = batch.points(robot.chain, robot.anchor[None])
-        length = np.linalg.norm(bone_vectors(points, robot.neck)[0], axis=1)
+        own = self.motions[robot].robot
+        points = batch.points(own.chain, own.anchor[None])
+        length = np.linalg.norm(bone_vectors(points, own.neck)[0], axis=1)
         return Size(float(length[0]), *(float(length[1:4][k] + length[4:7][k]) / 2
                                         for k in range(3)))  # fmt: skip
 

@@ -108,9 +108,11 @@ def _begin(task: Task, caller: Mapping[str, str]) -> None:
     use_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller hears it and stops us
     parent = multiprocessing.parent_process()
+    assert parent is not None  # workers are started by it
+    ended = parent.sentinel
 
     def end_with_caller() -> None:
-        wait_for([parent.sentinel])
+        wait_for([ended])
         os._exit(1)  # in mid-computation too; a worker holds nothing that could be half-written
 
     threading.Thread(target=end_with_caller, daemon=True).start()

@@ -31,6 +31,9 @@ class Task(Protocol):
     module: str  # module whose code, with all it imports, makes the rows
     shard_rows: int  # rows of every shard but the last
 
+    def __hash__(self) -> int:
+        """By value: its fingerprint is kept under it."""
+
     def about(self) -> Mapping[str, Any]:
         """Everything but code and machine that can change a row, as JSON."""
 
