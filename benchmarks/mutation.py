@@ -66,9 +66,7 @@ ROOMS = {
         ("s3le/safety/segment.py", "s3le/safety/swept.py", "s3le/safety/paths.py"),
         ("tests/test_proof.py",),
     ),
-    "guard": Room(
-        ("s3le/retarget/guard.py", "s3le/retarget/around.py"), ("tests/test_guard.py",)
-    ),
+    "guard": Room(("s3le/retarget/guard.py", "s3le/retarget/around.py"), ("tests/test_guard.py",)),
     "certificate": Room(("s3le/robot/certificate.py",), ("tests/test_certificate.py",)),
     "audit": Room(
         ("s3le/safety/audit.py",), ("tests/test_audit.py",), "not deep_poses and not decided_is_not"
@@ -87,7 +85,9 @@ ROOMS = {
     ),
     "pairs": Room(
         (
-            "s3le/human/splits.py", "s3le/tuples/pairing.py", "s3le/study/truth.py",
+            "s3le/human/splits.py",
+            "s3le/tuples/pairing.py",
+            "s3le/study/truth.py",
             "s3le/tuples/ik.py",
         ),  # fmt: skip
         ("tests/test_splits.py",),

@@ -121,8 +121,7 @@ def _points(robot: Robot) -> dict[str, np.ndarray]:
     data = model.createData()
     pin.forwardKinematics(model, data, robot.anchor)
     return {
-        role: data.oMi[point.joint + 1].act(point.offset)
-        for role, point in robot.points.items()
+        role: data.oMi[point.joint + 1].act(point.offset) for role, point in robot.points.items()
     }
 
 

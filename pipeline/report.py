@@ -59,9 +59,7 @@ def main() -> None:
     clip, rows = snapshots.choose(frames, params.strip_clip, params.strip_frames)
     shown = snapshots.strip(robot, frames, rows, truth, answers, dict(labels))
     strip.draw(FIGURES / "strip.png", frames["time"][rows], shown, f"{robot.name}: {clip}")
-    poses = tables.read(
-        robot_poses(n_dof, robot.margin), DATA / "robot_poses", robot.tag, ("q",)
-    )
+    poses = tables.read(robot_poses(n_dof, robot.margin), DATA / "robot_poses", robot.tag, ("q",))
     models = {name: DATA / f"model-{name}.safetensors" for name in TRAINED}
     spaces.draw(FIGURES / "latents.svg", latents.spaces(robot, frames, truth, poses, models))
     points = tables.read(SYNTHETIC, DATA / "synthetic.parquet")

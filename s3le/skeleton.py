@@ -167,9 +167,7 @@ def with_fixed(x: np.ndarray, fixed: Mapping[str, Sequence[float]]) -> np.ndarra
     return out
 
 
-def cosine_distance(
-    a: np.ndarray, b: np.ndarray, bones: np.ndarray | None = None
-) -> np.ndarray:
+def cosine_distance(a: np.ndarray, b: np.ndarray, bones: np.ndarray | None = None) -> np.ndarray:
     """Mean over the bones of 1 - cos(angle between a's and b's bone), in [0, 2].
 
     The paper's measure of accuracy (Sec. V-C). Vectors need not be normalised.

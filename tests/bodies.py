@@ -54,9 +54,7 @@ def body(frames: int = 12) -> np.ndarray:
 def points(joints: np.ndarray) -> np.ndarray:
     """The ten points of SMPL's joints, (n, 10, 3)."""
     sides = {"r": 0, "l": 1}
-    at = [
-        _BODY[p][0] if p in ("hip", "neck") else _BODY[p[2:]][sides[p[0]]] for p in POINTS
-    ]
+    at = [_BODY[p][0] if p in ("hip", "neck") else _BODY[p[2:]][sides[p[0]]] for p in POINTS]
     return joints[:, at]
 
 

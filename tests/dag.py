@@ -16,9 +16,7 @@ def readers_and_reruns(root: Path) -> dict[str, tuple[set[str], set[str]]]:
         reads: dict[str, set[str]] = {}
         after: dict[str, set[str]] = {}
         for stage in repo.index.stages:
-            after[stage.name] = {
-                later.name for later in repo.index.graph.predecessors(stage)
-            }
+            after[stage.name] = {later.name for later in repo.index.graph.predecessors(stage)}
             for dep in stage.params:
                 for key in dep.params:
                     reads.setdefault(key, set()).add(stage.name)

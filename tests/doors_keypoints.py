@@ -296,7 +296,5 @@ def _door(kind: str) -> Door:
 
 KEYPOINTS = {
     f"keypoints {kind}": partial(_door, kind)
-    for kind in (
-        "npz", "npy", "csv", "trc", "json", "people", "pickle", "joblib", "torch", "glb"
-    )
+    for kind in ("npz", "npy", "csv", "trc", "json", "people", "pickle", "joblib", "torch", "glb")
 }

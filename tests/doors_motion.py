@@ -36,8 +36,10 @@ def _amc_owes(it: Reading) -> None:
     files, clip = it.files, it.result
     _clip_is_sound(clip)
     data = files["1_1.amc"]
-    skeleton = {bytes(n): len(d.split()) for n, d in re.findall(
-        rb"name (\w+)\s(?:.*?)(?:dof ([^\r\n]*)|end)", files["1.asf"], re.S)}
+    skeleton = {
+        bytes(n): len(d.split())
+        for n, d in re.findall(rb"name (\w+)\s(?:.*?)(?:dof ([^\r\n]*)|end)", files["1.asf"], re.S)
+    }
     moving = {name: count for name, count in skeleton.items() if count} | {b"root": 6}
     frames: list[dict[bytes, list[bytes]]] = []
     numbers = []

@@ -102,6 +102,7 @@ def bvh(
 ) -> str:
     """A figure in metres times scale: rows of 6 root values, then 3 each for the left upper
     arm and the left forearm; every rotation in the given order of axes."""
+
     def place(x: float, y: float, z: float) -> str:
         xyz = (x, y, z) if upright == "y" else (x, -z, y)
         return " ".join(f"{v * scale:.6g}" for v in xyz)
@@ -165,7 +166,7 @@ def broken(data: bytes, count: int, seed: int) -> list[bytes]:
                 case 3:
                     copy[at] ^= 1 << dice.randrange(8)
                 case 4:
-                    copy[at] = dice.choice(b"0123456789.-+eE_ \n\r\0{}[]:\"nNiI")
+                    copy[at] = dice.choice(b'0123456789.-+eE_ \n\r\0{}[]:"nNiI')
                 case 5:
                     lines = copy.split(b"\n")
                     del lines[dice.randrange(len(lines))]

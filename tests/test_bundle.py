@@ -22,9 +22,7 @@ from s3le.study import comparison
 def a_model(folder, method="s3le", tag=None):
     made = coman()
     sizes = models.Sizes(dim_q=made.n_dof, latent=6, hidden=32, layers=2)
-    net = models.build(
-        method, sizes, torch.tensor(made.lower), torch.tensor(made.upper)
-    )
+    net = models.build(method, sizes, torch.tensor(made.lower), torch.tensor(made.upper))
     path = folder / f"{method}.safetensors"
     artifact.save_model(path, net, {"method": method, "robot_hash": tag or made.tag})
     return path, net

@@ -79,8 +79,9 @@ def test_any_channel_order_agrees_with_scipy(tmp_path, order):
 def test_each_joint_may_have_its_own_channel_order(tmp_path):
     text = bvh([[0] * 6 + [90, 90, 0, 0, 0, 0]], "ZYX")
     fore = "LeftForeArm\n{\nOFFSET 0.3 0 0\nCHANNELS 3 "
-    text = text.replace(fore + "Zrotation Yrotation Xrotation", fore + "Xrotation Zrotation "
-                        "Yrotation")
+    text = text.replace(
+        fore + "Zrotation Yrotation Xrotation", fore + "Xrotation Zrotation Yrotation"
+    )
     upper = "LeftArm\n{\nOFFSET 0.2 0 0\nCHANNELS 3 "
     text = text.replace(upper + "Zrotation Yrotation", upper + "Yrotation Zrotation")
     clip = one(tmp_path, text)  # Ry Rz of x: Rz x = y, Ry y = y, up in the file
@@ -88,8 +89,9 @@ def test_each_joint_may_have_its_own_channel_order(tmp_path):
 
 
 def test_a_position_channel_replaces_the_offset(tmp_path):
-    text = bvh([ZERO, [5, 6, 7] + [0.0] * 9]).replace("Hips\n{\nOFFSET 0 0 0", "Hips\n{\nOFFSET "
-                                                       "9 9 9")
+    text = bvh([ZERO, [5, 6, 7] + [0.0] * 9]).replace(
+        "Hips\n{\nOFFSET 0 0 0", "Hips\n{\nOFFSET 9 9 9"
+    )
     clip = one(tmp_path, text)
     assert at(clip, 0, "hip") == pytest.approx((0, 0, 0))
     assert at(clip, 1, "hip") == pytest.approx((7, 5, 6))
@@ -258,8 +260,12 @@ def test_a_bandai_namco_file_has_positions_on_every_joint(tmp_path):
 
 
 def test_an_elbow_that_does_not_hang_on_its_shoulder_is_refused(tmp_path):
-    text = bvh([ZERO]).replace("LeftArm", "X").replace("RightArm", "LeftArm").replace(
-        "X\n", "RightArm\n")
+    text = (
+        bvh([ZERO])
+        .replace("LeftArm", "X")
+        .replace("RightArm", "LeftArm")
+        .replace("X\n", "RightArm\n")
+    )
     with pytest.raises(ClipError, match="RightForeArm does not hang on RightArm"):
         one(tmp_path, text)
 
@@ -316,7 +322,7 @@ def test_whole_rows_more_or_fewer_than_frames_are_read_with_a_warning(tmp_path, 
         caplog.clear()
         clip = one(tmp_path, text.replace("Frames: 3", f"Frames: {count}"))
         assert np.array_equal(clip.points, want)
-        assert f"walk.bvh:{text[:text.index('Frames')].count(chr(10)) + 1}: Frames: {count}" in (
+        assert f"walk.bvh:{text[: text.index('Frames')].count(chr(10)) + 1}: Frames: {count}" in (
             caplog.text
         )
         with pytest.raises(ClipError, match="a frame takes 12 values, got 3"):
@@ -429,6 +435,7 @@ def test_real_files_of_other_families_stand_upright_and_agree_with_pybvh(path, f
     theirs = other.joint_positions()[:, [match(names).joints[p][0] for p in POINTS]]
     theirs = theirs[-frames:][..., [2, 0, 1]]
     scale = np.linalg.norm(np.ptp(clip.points, axis=(0, 1))) / np.linalg.norm(
-        np.ptp(theirs, axis=(0, 1)))
+        np.ptp(theirs, axis=(0, 1))
+    )
     assert min(abs(scale / metres - 1) for metres in UNITS.values()) < 1e-9
     assert np.allclose(clip.points, theirs * scale, rtol=0, atol=1e-6)  # [m]

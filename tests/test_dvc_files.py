@@ -85,8 +85,10 @@ def made_by(stage):
 
 def within(path, pattern):
     """Is the path what the pattern names, or a folder that it lies in, or the reverse?"""
-    return fnmatchcase(path, pattern) or fnmatchcase(pattern, path) or (
-        fnmatchcase(pattern, f"{path}/*") or fnmatchcase(path, f"{pattern}/*")
+    return (
+        fnmatchcase(path, pattern)
+        or fnmatchcase(pattern, path)
+        or (fnmatchcase(pattern, f"{path}/*") or fnmatchcase(path, f"{pattern}/*"))
     )
 
 
@@ -103,7 +105,8 @@ def test_every_file_that_a_stage_names_is_in_dvc_yaml(stage):
 @pytest.mark.parametrize("stage", STAGES)
 def test_dvc_yaml_names_no_file_that_a_stage_does_not(stage):
     idle = {
-        path for path in data(stage, "deps") | made_by(stage)
+        path
+        for path in data(stage, "deps") | made_by(stage)
         if not any(within(path, pattern) for pattern in named(stage))
     } - INDIRECT
     assert not idle, f"stage '{stage}' does not use {sorted(idle)}"

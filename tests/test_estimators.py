@@ -245,9 +245,7 @@ def test_mmposes_own_names_of_joints_are_used_where_they_say_all(tmp_path):
     order = [3, 0, 9, 1, 2, 5, 4, 7, 6, 8]
     points = bodies.points(BODY)[:, order]
     tree = estimators.mmpose(points)
-    tree["meta_info"]["keypoint_id2name"] = {
-        str(i): NAMES["snake"][j] for i, j in enumerate(order)
-    }
+    tree["meta_info"]["keypoint_id2name"] = {str(i): NAMES["snake"][j] for i, j in enumerate(order)}
     clip = read_clip(save(tmp_path, "a.json", tree))
     assert np.allclose(clip.points, bodies.points(BODY), atol=1e-6)
 
@@ -272,8 +270,11 @@ CENTRES = list(NAMES["short"])
 
 def test_joint_centres_in_trc_read_as_the_table_of_their_names(tmp_path):
     points = bodies.points(BODY) @ bodies.INTO["y-up"].T
-    (tmp_path / "a.trc").write_text(estimators.trc([*CENTRES, "r_shoulder_study"],
-                                                   np.concatenate([points, points[:, :1]], axis=1)))
+    (tmp_path / "a.trc").write_text(
+        estimators.trc(
+            [*CENTRES, "r_shoulder_study"], np.concatenate([points, points[:, :1]], axis=1)
+        )
+    )
     clip = read_clip(tmp_path / "a.trc")
     assert clip.fps == 60.0 and clip.reading.how.axes == "y-up"
     assert np.allclose(clip.points, bodies.points(BODY), atol=1e-5)

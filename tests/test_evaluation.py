@@ -171,8 +171,8 @@ def test_a_path_collides_by_coal_however_little_its_bodies_overlap(arms, monkeyp
 
     def grazing(self, q, progress=None):
         report = check(self, q, progress)
-        return report if len(q) == len(MOTION) else report._replace(
-            clearance=np.full(len(q), -depth)
+        return (
+            report if len(q) == len(MOTION) else report._replace(clearance=np.full(len(q), -depth))
         )
 
     monkeypatch.setattr(Certifier, "check", grazing)

@@ -39,10 +39,13 @@ INERTIA = (
     '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 )
 LINKS = ("head", "wheel", "finger", "thumb", "tag")
-LIFT = "".join(f'  <link name="{name}">{INERTIA}</link>\n' for name in LINKS) + """\
+LIFT = (
+    "".join(f'  <link name="{name}">{INERTIA}</link>\n' for name in LINKS)
+    + """\
   <joint name="lift" type="prismatic"><parent link="chest"/><child link="head"/>
     <axis xyz="0 0 1"/><limit lower="0.1" upper="0.5" velocity="1" effort="1"/></joint>
 """
+)
 MORE = """\
   <joint name="spin" type="continuous"><parent link="body"/><child link="wheel"/>
     <axis xyz="0 1 0"/></joint>

@@ -251,6 +251,7 @@ def test_damaged_poses_are_made_again(few, damage):
 
 def test_half_made_poses_are_no_poses(few, monkeypatch):
     """Whoever is stopped while it writes leaves nothing that another takes for whole."""
+
     def stopped(*_, **__):
         raise KeyboardInterrupt
 

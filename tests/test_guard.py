@@ -343,9 +343,7 @@ def test_every_leg_of_a_way_around_is_proven(arms, poses, ways, rule):
     for k, (q, want) in enumerate(ways):
         way = np.full((2, 4), np.nan)
         some = poses[k % 18 : k % 18 + 2]
-        left = around.seek(
-            chain, bounds, scratch, q, want, some, made.anchor, rule, k, way
-        )
+        left = around.seek(chain, bounds, scratch, q, want, some, made.anchor, rule, k, way)
         if left:
             assert left == 2
             legs = [q, way[1], way[0], want]

@@ -36,11 +36,18 @@ ROOM_OF = {  # a heavy dependency lives in one room
     ),
     "safetensors": ("s3le/learn/artifact.py", "s3le/retarget/encoder.py"),
     "polars": (
-        "s3le/store/", "s3le/human/tables.py", "s3le/learn/table.py", "s3le/retarget/table.py",
-        "s3le/robot/table.py", "s3le/study/tables.py", "s3le/tuples/tables.py",
+        "s3le/store/",
+        "s3le/human/tables.py",
+        "s3le/learn/table.py",
+        "s3le/retarget/table.py",
+        "s3le/robot/table.py",
+        "s3le/study/tables.py",
+        "s3le/tuples/tables.py",
     ),
     "pyarrow": (
-        "s3le/store/tables.py", "s3le/motion/parquet.py", "s3le/human/points_parquet.py",
+        "s3le/store/tables.py",
+        "s3le/motion/parquet.py",
+        "s3le/human/points_parquet.py",
     ),
     "matplotlib": ("s3le/report/", "s3le/show/"),
     "anyascii": ("s3le/report/", "s3le/show/"),
@@ -112,9 +119,7 @@ def code_of(stage: str) -> list[str]:
     deep = {path.parent for path in runs if len(path.parts) > 3}
     found |= {room for room in deep if 2 * len(runs & _of(room)) >= len(_of(room))}
     found |= {path for path in runs if not found & set(path.parents)}
-    return sorted(
-        path.as_posix() for path in found if not found & set(path.parents)
-    )
+    return sorted(path.as_posix() for path in found if not found & set(path.parents))
 
 
 def _of(room: Path) -> set[Path]:

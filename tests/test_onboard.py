@@ -427,7 +427,7 @@ def plain(tmp_path_factory):
 @pytest.mark.parametrize(("change", "want"), POINT_CHANGES.values(), ids=POINT_CHANGES)
 def test_a_robot_file_that_makes_no_sense_is_refused_in_a_line(plain, change, want):
     text = (plain / "figure.yaml").read_text()
-    body = text[text.index("points:"):text.index("\n\n# Joints")]
+    body = text[text.index("points:") : text.index("\n\n# Joints")]
     changed = text.replace(body, change(body)) if change(body) != body else change(text)
     assert changed != text
     (plain / "changed.yaml").write_text(changed)
@@ -523,7 +523,9 @@ def test_every_vertex_of_every_mesh_lies_in_a_capsule_of_its_link(sold, robot):
     urdf = str(urdf_of(robot))
     model = pinocchio.buildModelFromUrdf(urdf)
     geometry = pinocchio.buildGeomFromUrdf(  # pinocchio's own reading of URDF and meshes
-        model, urdf, pinocchio.GeometryType.COLLISION,
+        model,
+        urdf,
+        pinocchio.GeometryType.COLLISION,
         package_dirs=[str(urdf_of(robot).parents[2])],
     )
     seen = 0

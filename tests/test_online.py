@@ -32,9 +32,7 @@ def both(frames):
 
 
 @pytest.mark.parametrize("refine", [0, 1])
-def test_every_motion_starts_at_its_own_first_pose_and_all_of_it_is_certified(
-    frames, both, refine
-):
+def test_every_motion_starts_at_its_own_first_pose_and_all_of_it_is_certified(frames, both, refine):
     clips, times, _ = frames
     q, mode = both[refine]
     assert set(mode) <= set(MODES)

@@ -20,7 +20,7 @@ from s3le.show import style, svg
 
 ROOT = Path(__file__).parents[1]
 LABEL = dict(style.METHODS)
-HOSTILE = '</script><img src=x onerror=alert(1)>"\' {0} *a* `b` \u202e\ud800|\n&amp;'
+HOSTILE = "</script><img src=x onerror=alert(1)>\"' {0} *a* `b` \u202e\ud800|\n&amp;"
 
 
 class Reader(HTMLParser):
@@ -144,8 +144,12 @@ def test_page_shows_every_pool_by_every_metric():
         return {"split": "test", "model": model, "pool": pool, "metric": metric, "stored": 1008,
                 "frames": 5, "to_truth": far, "to_human": far}  # fmt: skip
 
-    rows = [cell("skeleton", "pairs", "l2", 0.05), cell("lwl2", "pairs", "l2", 0.134),
-            cell("lwl2", "pairs", "mahalanobis", 0.128), cell("lwl2", "all", "l2", 0.109)]
+    rows = [
+        cell("skeleton", "pairs", "l2", 0.05),
+        cell("lwl2", "pairs", "l2", 0.134),
+        cell("lwl2", "pairs", "mahalanobis", 0.128),
+        cell("lwl2", "all", "l2", 0.109),
+    ]
     text = page_of(metrics(), grid=rows)
     assert row_of(text, "nearest skeleton, pairs") == ["0.050", "-", "1,008"]
     assert row_of(text, "LWL2, pairs") == ["0.134", "0.128", "1,008"]
@@ -382,8 +386,12 @@ def test_odd_parameters_are_refused(tmp_path, text, words):
 
 def test_the_video_figure_is_shown_with_its_words_and_numbers(tmp_path, pictures):
     folder, _ = pictures
-    told = {"title": "A <video>", "caption": "frames, skeletons, poses.",
-            "numbers": {"frames": 4120, "to_human": 0.01234, "clips": ["a", "b"]}, "fps": 29.97}
+    told = {
+        "title": "A <video>",
+        "caption": "frames, skeletons, poses.",
+        "numbers": {"frames": 4120, "to_human": 0.01234, "clips": ["a", "b"]},
+        "fps": 29.97,
+    }
     (tmp_path / "figure.json").write_text(json.dumps(told))
     text = page_of(
         {}, video=(records.figure(tmp_path / "figure.json"), embed.read(folder / "strip.png"))

@@ -112,9 +112,12 @@ def other(tree: dict, name: str, own: str | None) -> dict:
 
 def test_a_changed_parameter_reruns_what_it_affects_and_no_more(clean):
     """One experiment; that every key reaches just its readers is shown without running above."""
-    change, reruns = "alpha=0.5", (
-        "sample coverage train@s3le index@s3le index@lwl2_all index@skeleton_all evaluate@s3le "
-        "evaluate@lwl2_all evaluate@skeleton_all grid metrics report"
+    change, reruns = (
+        "alpha=0.5",
+        (
+            "sample coverage train@s3le index@s3le index@lwl2_all index@skeleton_all evaluate@s3le "
+            "evaluate@lwl2_all evaluate@skeleton_all grid metrics report"
+        ),
     )
     before = hashes(clean)
     output = good(clean, "dvc", "exp", "run", "-S", change)

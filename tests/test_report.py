@@ -459,9 +459,7 @@ def errors() -> dict:
 
 @pytest.mark.parametrize("side", [3, 5, 41])
 def test_maps_draw_any_grid(tmp_path, side):
-    width, height = twice(
-        tmp_path, lambda path: maps.draw(path, points_of(side, 0.05), errors())
-    )
+    width, height = twice(tmp_path, lambda path: maps.draw(path, points_of(side, 0.05), errors()))
     assert 1300 < width < 2000 and 900 < height < 1500
 
 
@@ -525,9 +523,7 @@ def test_letters_that_the_font_lacks_are_printed_in_latin():
 
 # A glyph that is missing is a warning, and a warning an error here.
 @pytest.mark.parametrize("name", [NAME, "舞" * 30], ids=["mixed", "Chinese"])
-def test_figures_print_names_of_any_script_and_do_not_cut_them(
-    tmp_path, coman, monkeypatch, name
-):
+def test_figures_print_names_of_any_script_and_do_not_cut_them(tmp_path, coman, monkeypatch, name):
     from s3le.show import film
 
     x, ends, radius, _ = coman

@@ -151,8 +151,15 @@ def test_a_first_pose_that_the_independent_check_refuses_is_none(monkeypatch, cl
     assert stream.q is None
 
 
-@pytest.mark.parametrize("name, value", [("clearance", np.nan), ("clearance", 0.0019),
-                                         ("limit_margin", np.nan), ("limit_margin", -1e-9)])
+@pytest.mark.parametrize(
+    "name, value",
+    [
+        ("clearance", np.nan),
+        ("clearance", 0.0019),
+        ("limit_margin", np.nan),
+        ("limit_margin", -1e-9),
+    ],
+)
 def test_a_batch_with_a_pose_that_the_independent_check_refuses_is_none(monkeypatch, name, value):
     check = Certifier.check
 

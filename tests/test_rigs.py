@@ -75,8 +75,9 @@ def test_a_hip_joint_of_cgspeed_is_no_thigh_and_asfs_thorax_no_neck():
     names = "Hips LHipJoint LeftHip RHipJoint RightHip".split()
     assert match(names).joints["l_pelvis"] == (2,)
     names = [n for n in bodies.named("ASF") if n != "lowerneck"] + ["thorax"]
-    assert match(names).joints["neck"] == match(names).joints["r_shoulder"] + (
-        match(names).joints["l_shoulder"]
+    assert (
+        match(names).joints["neck"]
+        == match(names).joints["r_shoulder"] + (match(names).joints["l_shoulder"])
     )
 
 

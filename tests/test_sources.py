@@ -107,9 +107,7 @@ def test_a_gzipped_mirror_serves_as_well_and_a_cut_file_is_fetched_again(
         (AMC + b"4\n", f"sha256 is {digest(AMC + b'4' + bytes([10]))}, wanted {digest(AMC)}"),
     ],
 )
-def test_a_page_in_place_of_a_trial_is_refused_and_not_kept(
-    server, tmp_path, manifest, body, why
-):
+def test_a_page_in_place_of_a_trial_is_refused_and_not_kept(server, tmp_path, manifest, body, why):
     serve_all(server)
     server.files["/subjects/01/01_01.amc"] = body
     with pytest.raises(FetchError, match=why):

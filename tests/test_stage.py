@@ -24,9 +24,7 @@ class Params:
     place: str = knob("folder")
 
 
-GOOD = (
-    "alpha: 0.2\nsample:\n  rows: 5\n  mixup: true\n  metric: l2\n  weight: 3\n  place: here\n"
-)
+GOOD = "alpha: 0.2\nsample:\n  rows: 5\n  mixup: true\n  metric: l2\n  weight: 3\n  place: here\n"
 
 
 def given(tmp_path: Path, text: str) -> Path:

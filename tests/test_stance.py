@@ -177,6 +177,7 @@ def test_one_arm_in_a_frame_or_few_frames_of_many_are_no_proof(tmp_path):
 
 # --- clocks
 
+
 @pytest.mark.parametrize(
     ("name", "step", "fps"),
     [

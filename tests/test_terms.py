@@ -110,9 +110,7 @@ def test_each_term_of_s3le_and_lwl2_is_that_of_the_printed_rows(change, contrast
 def test_the_prior_of_each_domain_is_fitted_to_its_own_latents_by_mmd_too(rows):
     hyper = dataclasses.replace(HYPER, prior_fit="mmd", prior_rows=rows)
     model, unit = a_model("s3le")
-    terms, adversary = wae_terms(
-        model, a_batch(), hyper, True, torch.Generator().manual_seed(7)
-    )
+    terms, adversary = wae_terms(model, a_batch(), hyper, True, torch.Generator().manual_seed(7))
     want, encoded = by_hand(model, unit, a_batch(), hyper, True)
     g = torch.Generator().manual_seed(7)
     for name in ("x", "y"):

@@ -462,7 +462,8 @@ def test_a_film_that_breaks_off_gives_what_it_has(tmp_path):
 def far_end(tmp_path, body):
     """An interpreter and a script that speaks as told."""
     script = tmp_path / "far.py"
-    script.write_text(textwrap.dedent(f"""
+    script.write_text(
+        textwrap.dedent(f"""
         import importlib.util, json, os, struct, sys, time
         spec = importlib.util.spec_from_file_location("worker", {str(worker.__file__)!r})
         w = importlib.util.module_from_spec(spec)
@@ -476,7 +477,9 @@ def far_end(tmp_path, body):
             *_, width, height, size = w.HEADER.unpack(head)
             return width, height, frames.read(size)
         def joints(*numbers): say(w.JOINTS, struct.pack("<72f", *numbers))
-    """) + textwrap.dedent(body))
+    """)
+        + textwrap.dedent(body)
+    )
     return Path(sys.executable), script
 
 

@@ -61,10 +61,12 @@ def main(words: list[str]) -> None:
 
     kinds = {name: type(value) for name, value in asdict(Toy()).items()}
     given = dict(word.split("=") for word in words[3:])
-    toy = Toy(**{
-        name: value == "True" if kinds[name] is bool else kinds[name](value)
-        for name, value in given.items()
-    })
+    toy = Toy(
+        **{
+            name: value == "True" if kinds[name] is bool else kinds[name](value)
+            for name, value in given.items()
+        }
+    )
     where = run.Where(workers=int(words[2]))
     out = Path(words[0])
     run.produce(toy, int(words[1]), out, where, lambda *_: None, print, out.parent / "shelf")

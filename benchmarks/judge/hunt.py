@@ -107,17 +107,20 @@ def search(
             herd.sort(key=lambda one: one.cost(goal))
             del herd[HERD:]
     best = {goal: herd[0] for goal, herd in herds.items() if herd}
-    return {
-        "seconds": round(seconds),
-        "processor_seconds": round(time.process_time() - worked),  # less on a busy machine
-        "streams": seen.streams,
-        "steps": seen.coal.steps,
-        "violations": seen.violations,
-        "refused_frames": seen.refused,
-        "coal": seen.coal.record(),
-        "fastest_of_limit": max((one.speed for one in best.values()), default=0.0),
-        "first": seen.first[:KEPT],
-    } | ({"mujoco": seen.mujoco.record()} if court.mujoco else {})
+    return (
+        {
+            "seconds": round(seconds),
+            "processor_seconds": round(time.process_time() - worked),  # less on a busy machine
+            "streams": seen.streams,
+            "steps": seen.coal.steps,
+            "violations": seen.violations,
+            "refused_frames": seen.refused,
+            "coal": seen.coal.record(),
+            "fastest_of_limit": max((one.speed for one in best.values()), default=0.0),
+            "first": seen.first[:KEPT],
+        }
+        | ({"mujoco": seen.mujoco.record()} if court.mujoco else {})
+    )
 
 
 def changed(parent: Bred, other: Bred, court: Court, rng: np.random.Generator) -> Script:

@@ -82,8 +82,6 @@ def best(found: pl.DataFrame | None) -> list[Best]:
     return chosen
 
 
-
-
 def spread(values: pl.Series) -> str:
     """Mean and standard deviation, or the one value there is."""
     if len(values) < 2:
@@ -125,8 +123,10 @@ def spread_over(runs: pl.DataFrame) -> str:
     if data == 0:
         return "± is the standard deviation over `train.seed` alone, all on the same data"
     if data == runs["changed"].n_unique():
-        return "± is the standard deviation over n trainings, each with a `seed` (data) and a " \
+        return (
+            "± is the standard deviation over n trainings, each with a `seed` (data) and a "
             "`train.seed` (start) of its own"
+        )
     return "± is the standard deviation over n trainings, of which some share their data"
 
 

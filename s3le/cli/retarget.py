@@ -108,7 +108,11 @@ def retarget(
         paths = chosen(clips)
         retargeter, about, line = shell.retargeter(model, method, robot)
         shape = outputs.shape(
-            retargeter.robot, csv=csv, npz=npz, full=full, tools=tools or (),
+            retargeter.robot,
+            csv=csv,
+            npz=npz,
+            full=full,
+            tools=tools or (),
             root_height=root_height,
         )
         outputs.refuse_overlap(paths, out, shape)

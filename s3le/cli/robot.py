@@ -211,9 +211,7 @@ def _draw(robot: "Robot", path: Path, notes: list[str]) -> None:
     points = batch.points(chain, q)[0]
     kept = [BONES.index(name) for name in robot.vectors]
     tail, head = (points[ends[kept]].mean(axis=1) for ends in (chain.tail, chain.head))
-    dropped = [
-        (p.a, p.b) for p in robot.pairs if p.reason not in (pairs.WATCHED, pairs.FIXED)
-    ]
+    dropped = [(p.a, p.b) for p in robot.pairs if p.reason not in (pairs.WATCHED, pairs.FIXED)]
     shown = picture.Shown(
         f"{it.name} at its anchor: {it.n_dof} joints, {len(it.bodies)} bodies, "
         f"{len(robot.watched)} pairs watched, {len(dropped)} not",

@@ -204,9 +204,7 @@ def _by_stride(lines: list[bytes], start: int, skeleton: Skeleton) -> Channels |
     return channels
 
 
-def _by_line(
-    path: Path | str, lines: list[bytes], start: int, skeleton: Skeleton
-) -> Channels:
+def _by_line(path: Path | str, lines: list[bytes], start: int, skeleton: Skeleton) -> Channels:
     """The values, whatever the bones' order, or a refusal that names the place.
 
     The reference for `_by_stride`, and slower by an order of magnitude.

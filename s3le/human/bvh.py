@@ -44,8 +44,9 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "cmu": 0.0254 / 0.45}  # [m] per fil
 ARM_RANGE = (0.3, 0.9)  # [m] shoulder to wrist, of a child and of a giant
 ARM = 0.55  # [m] of whoever's arm is of such a length in no unit
 REST_ARM = np.cos(np.radians(20.0))  # least |y| of the arms' directions in a T-pose
-_CHANNELS = {f"{axis}{kind}": (kind, i) for i, axis in enumerate("xyz") for kind in
-             ("position", "rotation")}
+_CHANNELS = {
+    f"{axis}{kind}": (kind, i) for i, axis in enumerate("xyz") for kind in ("position", "rotation")
+}
 _CHUNK = 2**20  # [bytes] of frames split and converted at a time, which bounds their memory
 _KEYWORDS = {"ROOT", "JOINT", "End", "OFFSET", "CHANNELS", "}"}
 _BOM, _END_OF_FILE = b"\xef\xbb\xbf", b"\x1a"  # of Windows' editors, and of DOS
@@ -331,8 +332,9 @@ def _rate(path: Path | str, line: int, word: bytes) -> float:
     step = number(path, line, word, "Frame Time")
     low, high = FPS_RANGE
     if not 1.0 / high <= step <= 1.0 / low:
-        raise refusal(path, line, f"Frame Time must be in [{1 / high:g}, {1 / low:g}] s, "
-                                  f"got {shown(word)}")
+        raise refusal(
+            path, line, f"Frame Time must be in [{1 / high:g}, {1 / low:g}] s, got {shown(word)}"
+        )
     mantissa, _, exponent = word.lower().partition(b"e")
     digits = len(mantissa.partition(b".")[2]) - int(exponent or 0)
     whole = max(1, round(1.0 / step))
@@ -404,11 +406,13 @@ def _up(
 def _unit(path: Path | str, points: np.ndarray) -> tuple[float, list[str]]:
     """Metres per file unit, from the length of the arms in one frame (10, 3)."""
     at = {name: points[i] for i, name in enumerate(POINTS)}
-    arm = np.mean([
-        np.linalg.norm(at[f"{s}_elbow"] - at[f"{s}_shoulder"])
-        + np.linalg.norm(at[f"{s}_hand"] - at[f"{s}_elbow"])
-        for s in "rl"
-    ])
+    arm = np.mean(
+        [
+            np.linalg.norm(at[f"{s}_elbow"] - at[f"{s}_shoulder"])
+            + np.linalg.norm(at[f"{s}_hand"] - at[f"{s}_elbow"])
+            for s in "rl"
+        ]
+    )
     for metres in UNITS.values():
         if ARM_RANGE[0] <= arm * metres <= ARM_RANGE[1]:
             return metres, []

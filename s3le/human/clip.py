@@ -90,11 +90,13 @@ def make_clip(path: Path | str, fps: float, points: np.ndarray, gaps: bool = Fal
             f"{path}: frame {frame} (from 0) puts a joint beyond {FARTHEST:g} m or nowhere; "
             "the file is damaged or in another unit"
         )
-    arm = np.median([
-        np.linalg.norm(points[known, above] - points[known, below], axis=1)
-        + np.linalg.norm(points[known, below] - points[known, hand], axis=1)
-        for above, below, hand in _ARMS
-    ])
+    arm = np.median(
+        [
+            np.linalg.norm(points[known, above] - points[known, below], axis=1)
+            + np.linalg.norm(points[known, below] - points[known, hand], axis=1)
+            for above, below, hand in _ARMS
+        ]
+    )
     if not ARM_RANGE[0] <= arm <= ARM_RANGE[1]:
         raise ClipError(
             f"{path}: an arm is {arm:.3g} m long, wanted [{ARM_RANGE[0]:g}, {ARM_RANGE[1]:g}] m "

@@ -34,7 +34,7 @@ _STATED = {
     POINTS: ("axes",),
 }  # fmt: skip
 _BLENDER = (
-    "convert it to .glb, with Blender: blender -b --python-expr \"import bpy; "
+    'convert it to .glb, with Blender: blender -b --python-expr "import bpy; '
     "bpy.ops.wm.read_factory_settings(use_empty=True); {command}; "
     "bpy.ops.export_scene.gltf(filepath='{stem}.glb')\""
 )

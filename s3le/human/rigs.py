@@ -177,8 +177,11 @@ def _read(name: str) -> tuple[str, str] | None:
         return None
     found = _WORDS.findall(_SPACE.sub("", unicodedata.normalize("NFKC", name)))
     words = [word.lower() for word in found]
-    words = [w for w, before in zip(words, ["", *words], strict=False)
-             if w not in _EMPTY or before == "hip"]  # LHipJoint is no hip
+    words = [
+        w
+        for w, before in zip(words, ["", *words], strict=False)
+        if w not in _EMPTY or before == "hip"
+    ]  # LHipJoint is no hip
     sides = {_SIDES[word] for word in words if word in _SIDES}
     if len(sides) > 1:
         return None

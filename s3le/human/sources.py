@@ -279,8 +279,10 @@ def folder(path: Path) -> Sources:
         raise ClipError(f"{path}: no such folder; it should hold train/ and test/")
     rates = {}
     if (table := path / "fps.csv").is_file():
-        rates = {row["clip"]: manifests.rate(table, row["clip"], row["fps"])
-                 for row in manifests.table(table, ("clip", "fps"))}
+        rates = {
+            row["clip"]: manifests.rate(table, row["clip"], row["fps"])
+            for row in manifests.table(table, ("clip", "fps"))
+        }
     clips: dict[str, Source] = {}
     ignored = []
     for split in SPLITS:

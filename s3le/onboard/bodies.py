@@ -154,9 +154,7 @@ def _same(shape: Shape) -> ElementTree.Element:
     """A primitive as it was, to the last digit that a file can hold."""
     item = ElementTree.Element("collision")
     rpy = pin.rpy.matrixToRpy(shape.rotation)
-    ElementTree.SubElement(
-        item, "origin", {"xyz": _exact(shape.translation), "rpy": _exact(rpy)}
-    )
+    ElementTree.SubElement(item, "origin", {"xyz": _exact(shape.translation), "rpy": _exact(rpy)})
     geometry = ElementTree.SubElement(item, "geometry")
     if shape.kind == "box":
         size = {"size": _exact(shape.sizes)}

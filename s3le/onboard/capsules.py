@@ -138,8 +138,7 @@ def cut(triangles: np.ndarray, way: np.ndarray, at: float) -> tuple[np.ndarray, 
         p = np.take_along_axis(triangles[rows], turn[:, :, None], axis=1)
         h = np.take_along_axis(height[rows], turn, axis=1)
         edge = [
-            p[:, 0] + (h[:, 0] / (h[:, 0] - h[:, k]))[:, None] * (p[:, k] - p[:, 0])
-            for k in (1, 2)
+            p[:, 0] + (h[:, 0] / (h[:, 0] - h[:, k]))[:, None] * (p[:, k] - p[:, 0]) for k in (1, 2)
         ]
         one.append(np.stack([p[:, 0], *edge], axis=1))
         two.append(np.stack([p[:, 1], p[:, 2], edge[0]], axis=1))

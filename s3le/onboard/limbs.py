@@ -379,9 +379,7 @@ def _forward(tree: Tree, legs: list[int], up: np.ndarray) -> np.ndarray:
     return x / np.linalg.norm(x)
 
 
-def _frame(
-    left: np.ndarray, up: np.ndarray, axes: list[np.ndarray], look: list[str]
-) -> np.ndarray:
+def _frame(left: np.ndarray, up: np.ndarray, axes: list[np.ndarray], look: list[str]) -> np.ndarray:
     """Rows x forward, y left, z up; whole quarter turns where it is nearly one."""
     y = left - (left @ up) * up
     y = y / np.linalg.norm(y)

@@ -154,9 +154,7 @@ def _called(folder: str, name: str, urdf: Path) -> Iterator[None]:
         raise RobotError(said.replace(f"{folder}{os.sep}", "")) from None
 
 
-def write(
-    proposal: Proposal, folder: Path, force: bool, also: Sequence[Path] = ()
-) -> list[Path]:
+def write(proposal: Proposal, folder: Path, force: bool, also: Sequence[Path] = ()) -> list[Path]:
     """Put the files in place, the robot file last; each appears whole or not at all.
 
     Args:

@@ -265,7 +265,8 @@ def _shape(
         sizes, triangles = _numbers(where, body, "radius", None, 1), np.empty((0, 3, 3))
     else:
         sizes = [
-            *_numbers(where, body, "radius", None, 1), *_numbers(where, body, "length", None, 1)
+            *_numbers(where, body, "radius", None, 1),
+            *_numbers(where, body, "length", None, 1),
         ]
         triangles = _round(*sizes) if body.tag == "cylinder" else np.empty((0, 3, 3))
     kind = body.tag

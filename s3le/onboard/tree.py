@@ -119,7 +119,7 @@ def twin(name: str, names: set[str]) -> str | None:
     """The name of the right joint for that of a left one; None: it is no left one."""
     for left, right in _SIDES:
         for found in re.finditer(left, name):
-            other = name[: found.start()] + right + name[found.end():]
+            other = name[: found.start()] + right + name[found.end() :]
             if other in names:
                 return other
         every = name.replace(left, right)

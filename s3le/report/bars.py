@@ -86,9 +86,7 @@ def _chart(path, splits, methods, bars, over, columns, title):
     tall = [mean_group + group * max(len(clips) for clips in parts) for parts in panels]
 
     width = (8.2, 11.5, 15.0)[columns - 1]
-    names = [
-        line for split in splits for clip in split.clips for line in _lines(clip).split("\n")
-    ]
+    names = [line for split in splits for clip in split.clips for line in _lines(clip).split("\n")]
     left = max(*(max(_LETTER * len(n), style.wide(n, 8.0)) for n in names), 0.75) + 0.15
     gap = 0.25
     room = (width - 0.25) / columns

@@ -85,9 +85,7 @@ class Certifier:
         margin = float(np.minimum(q - self._lower, self._upper - q).min(initial=np.inf))
         if not margin > -np.inf:  # catches NaN
             return np.nan, np.nan
-        nearest = pin.computeDistances(
-            self._model, self._data, self._geometry, self._scratch, q
-        )
+        nearest = pin.computeDistances(self._model, self._data, self._geometry, self._scratch, q)
         found = self._scratch.distanceResults[nearest].min_distance / PER_METRE
         return found, margin
 

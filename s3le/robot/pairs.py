@@ -75,9 +75,7 @@ def all_pairs(robot: Geometry) -> list[Pair]:
             clearance = _distance(robot, at_anchor, a, b, 1.0)
             if robot.bodies[a].joint == robot.bodies[b].joint:
                 reason = FIXED
-            elif why := robot.disabled.get(
-                frozenset((robot.bodies[a].link, robot.bodies[b].link))
-            ):
+            elif why := robot.disabled.get(frozenset((robot.bodies[a].link, robot.bodies[b].link))):
                 reason = f"{DISABLED} ({why})"
             elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0:
                 reason = OVERLAP

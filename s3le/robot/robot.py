@@ -100,9 +100,7 @@ class Robot(Geometry):
         Raises:
             RobotError, TableError: a file is missing or damaged.
         """
-        margin, neck = _settings(
-            documents.read_json(folder / SETTINGS, "robot"), folder / SETTINGS
-        )
+        margin, neck = _settings(documents.read_json(folder / SETTINGS, "robot"), folder / SETTINGS)
         return cls.from_file(folder / ROBOT_FILE, margin, neck)
 
     @classmethod

@@ -197,8 +197,7 @@ def certificate(robot: Robot, wanted: Demands, report: Report) -> dict[str, Any]
 def not_covered(robot: Robot) -> list[dict[str, str]]:
     """The pairs of bodies that nothing is said about, with the reason."""
     return [
-        {"a": a, "b": b, "kind": kind, "reason": reason}
-        for a, b, kind, reason in robot.unwatched()
+        {"a": a, "b": b, "kind": kind, "reason": reason} for a, b, kind, reason in robot.unwatched()
     ]
 
 

@@ -183,9 +183,7 @@ def _label(page: "_Page", row: Row, kind: str, y: float, tall: int) -> None:
 
 
 def _caption(rows: list[Row], kinds: list[str], camera: Camera) -> str:
-    words = [
-        f"Every figure is {camera}, in parallel projection, all at one scale."
-    ]
+    words = [f"Every figure is {camera}, in parallel projection, all at one scale."]
     if "human" in kinds:
         words.append(
             "Human: measured directions drawn with nominal lengths "

@@ -103,9 +103,7 @@ def draw_pool(
     # A stream of its own for each sampler: their differences are then not those of one draw.
     rng = stream(seed, f"coverage {sampler}")
     q = samplers.draw(sampler, robot, low, high, 0, rows, rng, seed)
-    projected = batch.project(
-        robot.chain, robot.anchor, q, robot.margin, progress, kind=projection
-    )
+    projected = batch.project(robot.chain, robot.anchor, q, robot.margin, progress, kind=projection)
     robot.certifier().require(projected.q, robot.margin, progress)
     return Pool(projected.q, batch.skeletons(robot.chain, projected.q), projected.how)
 

@@ -130,9 +130,7 @@ def summary(
             "collision_rate": float(collides[rows].mean()),
             "below_margin_rate": float(close[rows].mean()),
             "limit_rate": float(outside[rows].mean()),
-            **{
-                name: float(np.isin(of_mode[rows], words).mean()) for name, words in _MODES.items()
-            },
+            **{name: float(np.isin(of_mode[rows], words).mean()) for name, words in _MODES.items()},
             **_segments(paths, rows[paths.row]),
         }
 

@@ -119,9 +119,7 @@ def compared(run: Mapping[str, Any]) -> dict[str, Any]:
             if name in methods and name != _ANSWER
         }
         tree["unsafe"][split] = {
-            f"{name}_{words}": methods[name][key]
-            for name, key, words in _UNSAFE
-            if name in methods
+            f"{name}_{words}": methods[name][key] for name, key, words in _UNSAFE if name in methods
         }
         covered = run["coverage"].get(split, {})
         tree["coverage"][split] = {

@@ -79,8 +79,5 @@ def strip(
     return [
         Row("human", skeleton=frames["x"][rows]),
         posed("ground truth", truth, truth["to_human"], "truth"),
-        *(
-            posed(labels[name], table, table["to_truth"], name)
-            for name, table in answers.items()
-        ),
+        *(posed(labels[name], table, table["to_truth"], name) for name, table in answers.items()),
     ]

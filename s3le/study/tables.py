@@ -19,6 +19,7 @@ def ground_truth(n_dof: int, margin: float) -> Table:
         rules=sound() | certified(margin) | {"solved": at_least("to_human", 0.0)},
     )
 
+
 MODES = (
     "decoded", "start", "refined", "lookup", "limited", "shortened", "detour", "held", "lead_in",
     "dropped", "eased",
@@ -49,6 +50,7 @@ def retargeted(n_dof: int) -> Table:
             "checked": pl.col("clearance").is_finite() & pl.col("limit_margin").is_finite(),
         },
     )
+
 
 SYNTHETIC = Table(
     name="synthetic",

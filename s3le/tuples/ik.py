@@ -86,9 +86,7 @@ def ground_truth(
         [first[:, None], np.broadcast_to(common, (len(x), *common.shape))], axis=1
     )
     middle = (robot.lower + robot.upper) / 2
-    found = batch.follow(
-        robot.chain, x, all_starts, middle, ridge, robot.margin, True, progress
-    )
+    found = batch.follow(robot.chain, x, all_starts, middle, ridge, robot.margin, True, progress)
     # A start is feasible itself, so a frame that no solve improved keeps its projected pose.
     q = np.where(found.feasible[:, None], found.q, first)
     return q, cosine_distance(batch.skeletons(robot.chain, q), x, robot.followed)

@@ -39,9 +39,7 @@ def pair(
     train = train_rows(frames, count)
     x = frames["x"][train]
     q_relaxed, residual = ik.relaxed_poses(robot, x, ridge, progress)
-    projected = batch.project(
-        robot.chain, robot.anchor, q_relaxed, robot.margin, kind=projection
-    )
+    projected = batch.project(robot.chain, robot.anchor, q_relaxed, robot.margin, kind=projection)
     columns = {
         "clip": frames["clip"][train],
         "frame": frames["frame"][train],

@@ -79,9 +79,7 @@ class TupleShards(_Shards):
         low, high = sampling.relaxed_limits(it.lower, it.upper, self.alpha)
         stream = rng.stream(self.seed, self.stage, job.number)
         first = job.number * self.shard_rows
-        q_relaxed = samplers.draw(
-            self.sampler, it, low, high, first, job.rows, stream, self.seed
-        )
+        q_relaxed = samplers.draw(self.sampler, it, low, high, first, job.rows, stream, self.seed)
         mix = rng.stream(self.seed, "mix", job.number).uniform(0.0, 1.0, job.rows)
         project = sampling.projector(it, self.projection)
         drawn = sampling.tuples(it, q_relaxed, mix, self.renormalise_mix, project)

@@ -27,6 +27,7 @@ def sound() -> dict[str, pl.Expr]:
     """Rules of any pose, feasible or not."""
     return {"pose_is_finite": finite("q"), "unit_vectors": unit_bones("x")}
 
+
 HOW = ["feasible already", "solved", "fallback"]  # in the order of kernels.batch's codes
 
 
@@ -51,6 +52,7 @@ def rules(margin: float) -> dict[str, pl.Expr]:
         "known_projection": pl.col("projection").is_in(HOW),
     }
 
+
 def mocap_pairs(n_dof: int, margin: float) -> Table:
     """Contract of the tuples that inverse kinematics makes from human frames (Sec. IV-B)."""
     return Table(
@@ -66,6 +68,7 @@ def mocap_pairs(n_dof: int, margin: float) -> Table:
         | columns(n_dof, "x~, the human skeleton"),
         rules=rules(margin) | {"solved": at_least("residual", 0.0)},
     )
+
 
 def kinematic_pairs(n_dof: int, margin: float) -> Table:
     """Contract of the tuples that come from the robot alone (Sec. IV-C)."""
@@ -86,6 +89,7 @@ def kinematic_pairs(n_dof: int, margin: float) -> Table:
             "mixed_skeleton_is_finite": finite("x_mixed"),
         },
     )
+
 
 def robot_poses(n_dof: int, margin: float) -> Table:
     """Contract of the feasible poses without correspondence, D_Y."""

@@ -138,9 +138,7 @@ def _facing(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return both, np.einsum("ij,ij->i", hips, shoulders) < np.cos(_TWISTS)
 
 
-def ten_points(
-    joints: np.ndarray, least: float, pitch: float, roll: float = 0.0
-) -> np.ndarray:
+def ten_points(joints: np.ndarray, least: float, pitch: float, roll: float = 0.0) -> np.ndarray:
     """The ten points of each frame, z up, the mid of the hips at the origin.
 
     Args:

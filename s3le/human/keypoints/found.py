@@ -86,8 +86,10 @@ def find(path: Path | str, tree: Any, how: How) -> Found:
     if people.is_phalp(tree):
         shown, person = people.of_phalp(path, tree, how)
         return find(path, shown, how._replace(person=None))._replace(person=person)
-    if keys and all(WHOLE.fullmatch(name) for name in keys) and all(
-        isinstance(value, (Mapping, list)) for value in tree.values()
+    if (
+        keys
+        and all(WHOLE.fullmatch(name) for name in keys)
+        and all(isinstance(value, (Mapping, list)) for value in tree.values())
     ):
         person, chosen = choose(path, sorted(tree, key=lambda k: int(key(k))), how)
         return find(path, tree[chosen], how._replace(person=None))._replace(person=person)
@@ -270,9 +272,7 @@ def _named(path: Path | str, tree: Mapping, how: How) -> Found | None:
     refuse_flat(path, array, "its joints")
     confidence = array[..., 3] if array.shape[2] > 3 else None
     layout = named.among(used).layout
-    return Found(
-        array[..., :3], tuple(places), confidence, Clock(), "named joints", by_name=layout
-    )
+    return Found(array[..., :3], tuple(places), confidence, Clock(), "named joints", by_name=layout)
 
 
 def _only(path: Path | str, tree: Mapping, how: How) -> Found:
@@ -335,6 +335,4 @@ def openpose(path: Path | str, frames: list[Any], how: How) -> Found:
     if table is None or table.ndim != 2 or table.shape[1] % 4:
         raise refusal(path, None, "pose_keypoints_3d must be x, y, z and confidence of each joint")
     array = table.reshape(len(rows), -1, 4)
-    return Found(
-        array[..., :3], None, array[..., 3], Clock(), "pose_keypoints_3d", None, person
-    )
+    return Found(array[..., :3], None, array[..., 3], Clock(), "pose_keypoints_3d", None, person)

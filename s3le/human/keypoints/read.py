@@ -72,9 +72,7 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
     told = [*found.told, *told, *made.told, *words]
     clip = make_clip(path, rate, points, gaps=True)
     person = how.person if found.person is None else found.person
-    kept = How(
-        name, made.axes, made.pitch, person, how.confidence, how.animation, how.names
-    )
+    kept = How(name, made.axes, made.pitch, person, how.confidence, how.animation, how.names)
     return clip._replace(reading=Reading(found.what, kept, made.unit, tuple(told)))
 
 
@@ -173,9 +171,7 @@ def _believed(path: Path, joints: np.ndarray, layout: Layout, name: str) -> Layo
     return layout
 
 
-def _hide(
-    points: np.ndarray, layout: Layout, confidence: np.ndarray | None, how: How
-) -> list[str]:
+def _hide(points: np.ndarray, layout: Layout, confidence: np.ndarray | None, how: How) -> list[str]:
     """Make NaN of frames in which a joint was hardly seen."""
     if confidence is None:
         return []

@@ -206,8 +206,12 @@ def _matrices(path: Path | str, rotations: np.ndarray, what: str) -> tuple[np.nd
     seen = rotations[known]
     width = rotations.shape[2]
     if width == 6:
-        raise refusal(path, None, f"{what} has 6 numbers a joint, which are written in three "
-                      "ways (rows or columns of a matrix); save axis times angle, or matrices")
+        raise refusal(
+            path,
+            None,
+            f"{what} has 6 numbers a joint, which are written in three "
+            "ways (rows or columns of a matrix); save axis times angle, or matrices",
+        )
     if width == 3:
         if not (np.abs(seen) < MOST_TURNED).all():
             raise refusal(path, None, f"{what} turns a joint by more than {MOST_TURNED:g} rad")

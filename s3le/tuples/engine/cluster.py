@@ -19,9 +19,7 @@ try:
     import ray
     from ray.exceptions import RayError, RayTaskError
 except ImportError:
-    raise EngineError(
-        "executor 'ray' needs Ray; install it with: pip install .[cluster]"
-    ) from None
+    raise EngineError("executor 'ray' needs Ray; install it with: pip install .[cluster]") from None
 
 RETRIES = 5  # times that a shard is made anew after its worker or machine was lost
 

@@ -58,9 +58,7 @@ def make(task: Task, todo: list[Job], workers: int, own: Mapping[str, str]) -> I
                 os.environ[name] = value
 
 
-def _in_pools(
-    task: Task, todo: list[Job], workers: int, own: Mapping[str, str]
-) -> Iterator[Made]:
+def _in_pools(task: Task, todo: list[Job], workers: int, own: Mapping[str, str]) -> Iterator[Made]:
     deaths = 0
     while todo:
         flying: dict[Future[Made], Job] = {}

@@ -15,9 +15,7 @@ PATIENCE = 10.0  # [s]; a process that was just told to stop needs a moment to g
 
 
 @contextlib.contextmanager
-def held(
-    path: Path, what: str, patience: float = PATIENCE, kept: str = ""
-) -> Iterator[None]:
+def held(path: Path, what: str, patience: float = PATIENCE, kept: str = "") -> Iterator[None]:
     """Hold the lock at path while the block runs; the kernel frees it however the process ends.
 
     Args:
