@@ -52,7 +52,7 @@ def started(folder, toy, rows=95, workers=2):
     words = [sys.executable, str(TESTS / "toys.py"), str(folder / "out"), str(rows), str(workers)]
     process = subprocess.Popen(
         words + toy.words(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        env=os.environ | {"PYTHONPATH": str(TESTS)},
+        env=os.environ | {"PYTHONPATH": f"{TESTS}:{TESTS.parent}"},
     )  # fmt: skip
     wait_until(lambda: (folder / "shelf").exists())
     return process
@@ -248,7 +248,7 @@ def test_a_worker_that_computes_with_something_else_is_named():
 
 def test_a_second_writer_is_told_who_the_first_is(tmp_path, monkeypatch):
     monkeypatch.setattr(lock, "PATIENCE", 0.2)
-    monkeypatch.setattr(lock.held.__wrapped__, "__defaults__", (0.2,))
+    monkeypatch.setattr(lock.held.__wrapped__, "__defaults__", (0.2, ""))
     process = started(tmp_path, Toy(seconds=0.5))
     try:
         wait_until(lambda: shards(tmp_path))
