@@ -103,7 +103,7 @@ def test_what_comes_out_holds_and_is_described(wave):
     motion, summary = made
     assert motion.joints == tuple(coman().joint_names) and holds(made)
     assert motion.time == pytest.approx(frames.time, abs=0)
-    assert motion.mode[0] == "start" and set(motion.mode) <= {"start", "reached", "slowed", "held"}
+    assert motion.mode[0] == "start" and set(motion.mode) <= {"start", "refined", "limited", "held"}
     assert motion.clearance == pytest.approx(coman().certifier().check(motion.q).clearance, abs=0)
     assert motion.about["robot_hash"] == coman().digest and motion.about["model"] == "plain"
     assert motion.about["certificate"]["holds"]

@@ -17,7 +17,7 @@ SCRATCH = {"data/checkpoints/*.safetensors", "data/downloads"}
 # Records that are made beside the pipeline, and shown where there are any.
 RECORDS = {"reports/latency.json", "reports/video/figure.json", "reports/video/figure.png"}
 # Read through another file that names it: a robot's own file says where its URDF is.
-INDIRECT = {"data/robots/urdf"}
+INDIRECT = {"data/robots"}
 # What comes from outside: robots, and what is committed.
 SOURCES = ("data/robots", "data/clips", "reports/latency.json", "reports/video")
 

@@ -183,7 +183,7 @@ def test_a_path_collides_by_coal_however_little_its_bodies_overlap(arms, monkeyp
 
 @pytest.mark.parametrize("unknown", ["clearance", "limit_margin"])
 def test_a_segment_with_a_frame_that_was_not_measured_is_none_between_feasible_ones(arms, unknown):
-    q = np.tile(arms.robot.anchor, (3, 1))
+    q = np.tile(arms.anchor, (3, 1))
     report = arms.certifier().check(q)
     getattr(report, unknown)[1] = np.nan
     frames = {"clip": np.array(["a"] * 3), "frame": np.arange(3), "time": np.arange(3) / 30.0}

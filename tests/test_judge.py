@@ -128,7 +128,7 @@ def test_with_the_guard_off_hpp_refuses_what_the_proof_refuses_and_coal_says_why
 
 def test_hpp_is_given_the_robot_whose_paths_it_is_to_prove(hpp):
     """Bisected: where it finds two bodies too close, coal finds them at the margin of paths."""
-    anchor, down, between = coman().robot.anchor, np.zeros(11), retargeter().settings.between
+    anchor, down, between = coman().anchor, np.zeros(11), retargeter().settings.between
     checker = coman().certifier()
     for end in (down, *inside_limits(coman(), 12, 3)):
         clear, close = anchor, end

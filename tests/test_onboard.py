@@ -566,7 +566,7 @@ def test_the_command_line_proposes_draws_checks_and_refuses(tmp_path):
     words = ["robot", "new", str(urdf), "--name", "fig", "--out", str(tmp_path / "robots")]
     done = run(app, words)
     assert done.exit_code == 0, done.output
-    assert "sure: waist:" in done.output and "robot=fig" in done.output
+    assert "sure: waist:" in done.output and "--robot" in done.output
     assert (tmp_path / "robots" / "fig.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert sorted(p.name for p in (tmp_path / "robots").rglob("*.*")) == [
         "fig.png", "fig.urdf", "fig.yaml",

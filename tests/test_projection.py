@@ -79,7 +79,7 @@ def test_another_margin_is_kept_too(margin):
 def test_blending_is_the_authors_rule_and_nothing_else():
     made = coman()
     q, _, nearest, collided = sampled()
-    found = batch.project(made.chain, made.robot.anchor, q, made.margin, kind="blend")
+    found = batch.project(made.chain, made.anchor, q, made.margin, kind="blend")
     assert found.q.tobytes() == blended(made, q).tobytes()
     assert ((found.how == FALLBACK) == collided).all()
     made.certifier().require(found.q, made.margin)
@@ -90,7 +90,7 @@ def test_blending_is_the_authors_rule_and_nothing_else():
 def test_another_kind_of_projection_is_refused_by_name():
     made = coman()
     with pytest.raises(ParameterError, match="must be one of nearest, blend, got 'blended'"):
-        batch.project(made.chain, made.robot.anchor, relaxed(made, 2, 1), MARGIN, kind="blended")
+        batch.project(made.chain, made.anchor, relaxed(made, 2, 1), MARGIN, kind="blended")
 
 
 def test_a_feasible_pose_comes_back_to_the_bit():

@@ -109,12 +109,12 @@ def test_with_no_budget_for_a_proof_it_only_does_what_the_whole_proof_allows():
     it.rule = it.rule._replace(budget=0)
     steps, modes = 0, set()
     for seed in (1, 3, 7):
-        found = it.batch(motion(240, seed=seed), np.arange(240) * DT)
+        found = follow(it, motion(240, seed=seed), np.arange(240) * DT)
         proven = certify(coman(), found.q, BETWEEN, budget=0)
         assert (proven.status == CERTIFIED).all()
         assert (certify(coman(), found.q, BETWEEN).status == CERTIFIED).all()
         assert (found.bound[1:] >= BETWEEN).all()
-        steps, modes = steps + len(proven.status), modes | set(map(Mode, found.mode))
+        steps, modes = steps + len(proven.status), modes | set(found.mode)
     assert steps == 717 and {Mode.DETOUR, Mode.SHORTENED} & modes
 
 
@@ -160,18 +160,22 @@ def test_a_first_pose_that_the_independent_check_refuses_is_none(monkeypatch, cl
         ("limit_margin", -1e-9),
     ],
 )
-def test_a_batch_with_a_pose_that_the_independent_check_refuses_is_none(monkeypatch, name, value):
-    check = Certifier.check
+def test_a_pose_that_the_independent_check_refuses_is_in_no_motion(monkeypatch, name, value):
+    check, calls = Certifier.one, []
 
-    def seen(self, q, progress=None):
-        report = check(self, q, progress)
-        if len(q) > 1:
-            getattr(report, name)[3] = value
-        return report
+    def seen(self, q):
+        clearance, limit_margin = check(self, q)
+        calls.append(q)
+        if len(calls) != 4:
+            return clearance, limit_margin
+        return (value, limit_margin) if name == "clearance" else (clearance, value)
 
-    monkeypatch.setattr(Certifier, "check", seen)
-    with pytest.raises(CertificateError, match="1 of 10 poses are not feasible"):
-        retargeter().batch(motion()[:10], np.arange(10) * DT)
+    it = retargeter()
+    it.start()
+    monkeypatch.setattr(Certifier, "one", seen)
+    found = follow(it, motion()[:10], np.arange(10) * DT)
+    assert len(calls) > 4 and found.mode[3] == Mode.HELD
+    assert (found.q[3] == found.q[2]).all() and not (found.q == calls[3]).all(axis=1).any()
 
 
 # --- near the human

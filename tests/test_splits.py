@@ -95,8 +95,8 @@ def test_pairs_are_of_training_frames_and_every_column_says_what_it_is():
 def test_a_tuple_whose_projection_is_not_feasible_stops_the_pairing(monkeypatch):
     whole = batch.project
 
-    def blind(chain, anchor, q, margin):
-        found = whole(chain, anchor, q, margin)
+    def blind(chain, anchor, q, margin, **more):
+        found = whole(chain, anchor, q, margin, **more)
         found.q[-1] = 0.0  # arms down: the hands are in the thighs
         return found
 

@@ -183,8 +183,7 @@ def test_every_array_of_a_batch_holds_its_own_column_of_the_same_row():
 
 
 def test_what_is_gathered_for_a_training_is_what_each_table_holds():
-    made = type("Robot", (), {"robot": type("Robot", (), {"lower": -np.ones(DIM_Q),
-                                                            "upper": np.ones(DIM_Q)})})  # fmt: skip
+    made = type("Robot", (), {"lower": -np.ones(DIM_Q), "upper": np.ones(DIM_Q)})
     pairs, sampled = numbered(4, 0, False), numbered(4, 10, True)
     poses, domain = {"q": np.full((3, DIM_Q), 20.0)}, {"x": np.full((3, 21), 30.0)}
     tables = {k: v for k, v in pairs._asdict().items() if v is not None}, sampled._asdict()

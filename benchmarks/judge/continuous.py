@@ -21,7 +21,6 @@ import numpy as np
 import pinocchio as pin
 from engines import KERNELS_AGREE, UNIT, capsule_of
 
-from s3le.robot.model import reduced
 from s3le.robot.robot import Robot
 
 _LIBRARIES = ("libboost_*.so.*", "libqpOASES.so*", "libhpp-*.so*")
@@ -151,7 +150,7 @@ class Continuous:
 
 def written(robot: Robot, between: float) -> tuple[str, str]:
     """URDF and SRDF of a robot whose bodies touch where they are `between` [m] apart."""
-    model, geometry = reduced(robot.description)
+    model, geometry = robot.reduced()
     lines = [f'<link name="l{i}"/>' for i in range(model.njoints)]
     for j, joint in enumerate(robot.joints, start=1):
         data = model.joints[j].createData()
