@@ -18,11 +18,12 @@ from numba import config, njit
 from numba.core.caching import UserProvidedCacheLocator
 
 _HERE = Path(__file__).parent
+_ROOMS = _HERE, _HERE.parent / "plan"  # where kernels are
 
 
 def key() -> str:
     """Hash of the text of all kernels."""
-    texts = [path.read_bytes() for path in sorted(_HERE.glob("*.py"))]
+    texts = [path.read_bytes() for room in _ROOMS for path in sorted(room.glob("*.py"))]
     return hashlib.sha256(b"\0".join(texts)).hexdigest()[:16]
 
 
