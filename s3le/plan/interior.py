@@ -4,7 +4,7 @@
     subject to  low_t <= q_t + d_t <= high_t
                 |first difference|  <= most it may be at that step
                 |second difference| <= most it may be at that frame
-                row_k . (d_t, d_t+1) >= need_k  -  e_k,   e_k >= 0 at `price` each
+                row_k . (d_t, d_t+1) >= need_k  -  e_k,   at stiff/2 e_k^2 each
 
 The last kind are the linearised clearances, of a pose or of a point of the path to the next one.
 They are elastic: two of them may be at odds where the linear model is poor, and a motion that is
@@ -45,8 +45,9 @@ class Program(NamedTuple):
     z: np.ndarray  # (m, 3, 2, n), multipliers
     ds: np.ndarray
     dz: np.ndarray
-    rs: np.ndarray  # (k, 4): slack, multiplier, elastic part, its own multiplier
-    dr: np.ndarray  # (k, 4)
+    c: np.ndarray  # (m, 3, n), values of the constraints at q
+    rs: np.ndarray  # (k, 2): slack and multiplier
+    dr: np.ndarray  # (k, 2)
     A: np.ndarray  # (m n, 2 n + 1)
     d: np.ndarray  # (m n,)
 
@@ -62,19 +63,24 @@ def program(frames: int, n_dof: int, rows: int) -> Program:
         count=np.zeros(1, np.int64), frame=np.zeros(rows, np.int64),
         row=np.zeros((rows, 2, n_dof)), need=np.zeros(rows),
         s=np.ones(many), z=np.ones(many), ds=np.zeros(many), dz=np.zeros(many),
-        rs=np.ones((rows, 4)), dr=np.zeros((rows, 4)),
+        c=np.zeros(few),
+        rs=np.ones((rows, 2)), dr=np.zeros((rows, 2)),
         A=np.zeros((frames * n_dof, 2 * n_dof + 1)), d=np.zeros(frames * n_dof),
     )  # fmt: skip
 
 
 @compiled
-def _value(p, t, kind, i):
-    v = p.coef[t, kind, 1] * p.q[t, i]
-    if t > 0:
-        v += p.coef[t, kind, 0] * p.q[t - 1, i]
-    if t + 1 < len(p.q):
-        v += p.coef[t, kind, 2] * p.q[t + 1, i]
-    return v
+def _values(p, m):
+    """What the constraints speak of, at q: into p.c."""
+    n = p.q.shape[1]
+    q = p.q
+    for t in range(m):
+        c = p.c[t]
+        a, b, e = max(t - 1, 0), t, min(t + 1, m - 1)
+        for kind in range(_KINDS):
+            before, here, after = p.coef[t, kind, 0], p.coef[t, kind, 1], p.coef[t, kind, 2]
+            for i in range(n):
+                c[kind, i] = before * q[a, i] + here * q[b, i] + after * q[e, i]
 
 
 @compiled
@@ -89,12 +95,13 @@ def warm(p, m, mu, wall, anew):
         anew: forget the multipliers; else those of an earlier solve stay.
     """
     n = p.q.shape[1]
+    _values(p, m)
     for t in range(m):
         for kind in range(_KINDS):
             if not p.on[t, kind]:
                 continue
             for i in range(n):
-                v = _value(p, t, kind, i)
+                v = p.c[t, kind, i]
                 least = wall * (p.high[t, kind, i] - p.low[t, kind, i])
                 p.s[t, kind, 0, i] = max(v - p.low[t, kind, i], least)
                 p.s[t, kind, 1, i] = max(p.high[t, kind, i] - v, least)
@@ -105,18 +112,22 @@ def warm(p, m, mu, wall, anew):
 
 
 @compiled
-def warm_rows(p, mu, price):
-    """The same for the linearised clearances, always anew."""
+def warm_rows(p, mu, stiff):
+    """The same for the linearised clearances, always anew, with all products mu."""
     for k in range(p.count[0]):
-        gap = -p.need[k]  # what it has to spare
-        p.rs[k, 0] = max(gap, 1e-3)
-        p.rs[k, 2] = max(-gap, 0.0) + 1e-3
-        p.rs[k, 1] = min(mu / p.rs[k, 0], 0.5 * price)
-        p.rs[k, 3] = price - p.rs[k, 1]
+        spare = -p.need[k]
+        root = np.sqrt(spare * spare + 4.0 * mu / stiff)
+        # A slack s and a multiplier z with s - z / stiff = spare and s z = mu, without cancelling.
+        if spare > 0.0:
+            p.rs[k, 0] = 0.5 * (root + spare)
+            p.rs[k, 1] = mu / p.rs[k, 0]
+        else:
+            p.rs[k, 1] = 0.5 * stiff * (root - spare)
+            p.rs[k, 0] = mu / p.rs[k, 1]
 
 
 @compiled
-def _assemble(p, m, price, steady):
+def _assemble(p, m, stiff, steady):
     """The matrix of the step, from the present slacks and multipliers."""
     n = p.q.shape[1]
     A = p.A[: m * n]
@@ -127,7 +138,7 @@ def _assemble(p, m, price, steady):
                 A[t * n + j, i - j] = p.H[t, i, j]
     for k in range(p.count[0]):
         t = p.frame[k]
-        weight = p.rs[k, 1] / (p.rs[k, 0] + p.rs[k, 1] * p.rs[k, 2] / p.rs[k, 3])
+        weight = p.rs[k, 1] / (p.rs[k, 0] + p.rs[k, 1] / stiff)
         for i in range(n):
             a = weight * p.row[k, 0, i]
             b = weight * p.row[k, 1, i]
@@ -170,23 +181,22 @@ def _assemble(p, m, price, steady):
 
 
 @compiled
-def _direction(p, m, mu, corrected, steady):
+def _direction(p, m, mu, corrected, stiff, steady):
     """Step of everything towards products mu; corrected: by the products of the last steps."""
     n = p.q.shape[1]
     d = p.d[: m * n]
+    used = 1.0 if corrected else 0.0
+    total = np.empty(n)
+    worst = np.ones(n)
     for t in range(m):
         for i in range(n):
             d[t * n + i] = -p.g[t, i]
     for k in range(p.count[0]):
         t = p.frame[k]
-        s, z, e, y = p.rs[k, 0], p.rs[k, 1], p.rs[k, 2], p.rs[k, 3]
-        r1 = mu - s * z
-        r2 = mu - e * y
-        if corrected:
-            r1 -= p.dr[k, 0] * p.dr[k, 1]
-            r2 -= p.dr[k, 2] * p.dr[k, 3]
-        lack = -p.need[k] + e - s
-        move = z + (r1 - z * (lack + r2 / y)) / (s + z * e / y)
+        s, z = p.rs[k, 0], p.rs[k, 1]
+        r = mu - s * z - used * p.dr[k, 0] * p.dr[k, 1]
+        lack = -p.need[k] + z / stiff - s
+        move = z + (r - z * lack) / (s + z / stiff)
         for i in range(n):
             d[t * n + i] += move * p.row[k, 0, i]
             if t + 1 < m:
@@ -196,23 +206,25 @@ def _direction(p, m, mu, corrected, steady):
             if not p.on[t, kind]:
                 continue
             before, here, after = p.coef[t, kind, 0], p.coef[t, kind, 1], p.coef[t, kind, 2]
+            more = steady if kind == 2 else 0.0
+            c, low, high = p.c[t, kind], p.low[t, kind], p.high[t, kind]
+            s0, z0, ds0, dz0 = p.s[t, kind, 0], p.z[t, kind, 0], p.ds[t, kind, 0], p.dz[t, kind, 0]
+            s1, z1, ds1, dz1 = p.s[t, kind, 1], p.z[t, kind, 1], p.ds[t, kind, 1], p.dz[t, kind, 1]
             for i in range(n):
-                v = _value(p, t, kind, i)
-                total = -steady * v if kind == 2 else 0.0
-                for side in range(2):
-                    sign = 1.0 if side == 0 else -1.0
-                    wall = p.low[t, kind, i] if side == 0 else p.high[t, kind, i]
-                    s, z = p.s[t, kind, side, i], p.z[t, kind, side, i]
-                    r = mu
-                    if corrected:
-                        r -= p.ds[t, kind, side, i] * p.dz[t, kind, side, i]
-                    lack = sign * (v - wall) - s
-                    total += sign * (r - z * lack) / s
-                d[t * n + i] += here * total
-                if kind > 0:
-                    d[(t - 1) * n + i] += before * total
-                if kind > 1:
-                    d[(t + 1) * n + i] += after * total
+                r0 = mu - used * ds0[i] * dz0[i] - z0[i] * (c[i] - low[i] - s0[i])
+                r1 = mu - used * ds1[i] * dz1[i] - z1[i] * (high[i] - c[i] - s1[i])
+                total[i] = r0 / s0[i] - r1 / s1[i] - more * c[i]
+            own = d[t * n : (t + 1) * n]
+            for i in range(n):
+                own[i] += here * total[i]
+            if kind > 0:
+                other = d[(t - 1) * n : t * n]
+                for i in range(n):
+                    other[i] += before * total[i]
+            if kind > 1:
+                other = d[(t + 1) * n : (t + 2) * n]
+                for i in range(n):
+                    other[i] += after * total[i]
     for t in range(m):
         if p.fixed[t]:
             d[t * n : (t + 1) * n] = 0.0
@@ -220,25 +232,17 @@ def _direction(p, m, mu, corrected, steady):
     step = 1.0
     for k in range(p.count[0]):
         t = p.frame[k]
-        s, z, e, y = p.rs[k, 0], p.rs[k, 1], p.rs[k, 2], p.rs[k, 3]
-        r1 = mu - s * z
-        r2 = mu - e * y
-        if corrected:
-            r1 -= p.dr[k, 0] * p.dr[k, 1]
-            r2 -= p.dr[k, 2] * p.dr[k, 3]
+        s, z = p.rs[k, 0], p.rs[k, 1]
+        r = mu - s * z - used * p.dr[k, 0] * p.dr[k, 1]
         along = 0.0
         for i in range(n):
             along += p.row[k, 0, i] * d[t * n + i]
             if t + 1 < m:
                 along += p.row[k, 1, i] * d[(t + 1) * n + i]
-        lack = -p.need[k] + e - s + along
-        dz = (r1 - z * (lack + r2 / y)) / (s + z * e / y)
-        de = (r2 + e * dz) / y
-        p.dr[k, 0] = lack + de
-        p.dr[k, 1] = dz
-        p.dr[k, 2] = de
-        p.dr[k, 3] = -dz
-        for j in range(4):
+        lack = -p.need[k] + z / stiff - s + along
+        p.dr[k, 1] = (r - z * lack) / (s + z / stiff)
+        p.dr[k, 0] = lack + p.dr[k, 1] / stiff
+        for j in range(2):
             if p.dr[k, j] < 0.0:
                 step = min(step, -p.rs[k, j] / p.dr[k, j])
     for t in range(m):
@@ -246,29 +250,28 @@ def _direction(p, m, mu, corrected, steady):
             if not p.on[t, kind]:
                 continue
             before, here, after = p.coef[t, kind, 0], p.coef[t, kind, 1], p.coef[t, kind, 2]
+            c, low, high = p.c[t, kind], p.low[t, kind], p.high[t, kind]
+            s0, z0, ds0, dz0 = p.s[t, kind, 0], p.z[t, kind, 0], p.ds[t, kind, 0], p.dz[t, kind, 0]
+            s1, z1, ds1, dz1 = p.s[t, kind, 1], p.z[t, kind, 1], p.ds[t, kind, 1], p.dz[t, kind, 1]
+            last, own = d[max(t - 1, 0) * n :], d[t * n :]
+            then = d[min(t + 1, m - 1) * n :]
             for i in range(n):
-                v = _value(p, t, kind, i)
-                along = here * d[t * n + i]
-                if kind > 0:
-                    along += before * d[(t - 1) * n + i]
-                if kind > 1:
-                    along += after * d[(t + 1) * n + i]
-                for side in range(2):
-                    sign = 1.0 if side == 0 else -1.0
-                    wall = p.low[t, kind, i] if side == 0 else p.high[t, kind, i]
-                    s, z = p.s[t, kind, side, i], p.z[t, kind, side, i]
-                    r = mu - s * z
-                    if corrected:
-                        r -= p.ds[t, kind, side, i] * p.dz[t, kind, side, i]
-                    ds = sign * (v - wall) - s + sign * along
-                    dz = (r - z * ds) / s
-                    p.ds[t, kind, side, i] = ds
-                    p.dz[t, kind, side, i] = dz
-                    if ds < 0.0:
-                        step = min(step, -s / ds)
-                    if dz < 0.0:
-                        step = min(step, -z / dz)
-    return step
+                c_new = c[i] + before * last[i] + here * own[i] + after * then[i]
+                e0 = c_new - low[i] - s0[i]
+                e1 = high[i] - c_new - s1[i]
+                f0 = (mu - s0[i] * z0[i] - used * ds0[i] * dz0[i] - z0[i] * e0) / s0[i]
+                f1 = (mu - s1[i] * z1[i] - used * ds1[i] * dz1[i] - z1[i] * e1) / s1[i]
+                ds0[i] = e0
+                ds1[i] = e1
+                dz0[i] = f0
+                dz1[i] = f1
+                # The share of the way after which a slack or multiplier is gone is 1 / this.
+                worst[i] = max(worst[i], max(max(-e0 / s0[i], -e1 / s1[i]),
+                                             max(-f0 / z0[i], -f1 / z1[i])))  # fmt: skip
+    most = 1.0
+    for i in range(n):
+        most = max(most, worst[i])
+    return min(step, 1.0 / most)
 
 
 @compiled
@@ -288,20 +291,19 @@ def _products(p, m, step):
                         p.z[t, kind, side, i] + step * p.dz[t, kind, side, i]
                     )
     for k in range(p.count[0]):
-        count += 2
+        count += 1
         total += (p.rs[k, 0] + step * p.dr[k, 0]) * (p.rs[k, 1] + step * p.dr[k, 1])
-        total += (p.rs[k, 2] + step * p.dr[k, 2]) * (p.rs[k, 3] + step * p.dr[k, 3])
     return total / max(count, 1), count
 
 
 @compiled
-def improve(p, m, price, steady, small, most):
+def improve(p, m, stiff, steady, small, most):
     """Solve the program from where it is.
 
     Args:
         p: the program, after `warm`; q, g and need are moved along.
         m: frames in use.
-        price: cost of a metre that a linearised clearance lacks.
+        stiff: what a linearised clearance costs that lacks e, stiff/2 e^2.
         steady: weight of the squared second differences.
         small: mean product of slack and multiplier at which it is solved.
         most: iterations.
@@ -314,13 +316,14 @@ def improve(p, m, price, steady, small, most):
     done = 0
     while done < most:
         done += 1
-        _assemble(p, m, price, steady)
+        _values(p, m)
+        _assemble(p, m, stiff, steady)
         if not factor(p.A[: m * n], 1e-12):
             return np.nan, done
-        step = _direction(p, m, 0.0, False, steady)
+        step = _direction(p, m, 0.0, False, stiff, steady)
         ahead = _products(p, m, step)[0]
         share = min(1.0, max(ahead / mu, 0.0)) ** 3
-        step = min(1.0, _BACK * _direction(p, m, max(share * mu, 0.1 * small), True, steady))
+        step = min(1.0, _BACK * _direction(p, m, max(share * mu, 0.1 * small), True, stiff, steady))
         for t in range(m):
             for i in range(n):
                 p.q[t, i] += step * p.d[t * n + i]
@@ -332,15 +335,17 @@ def improve(p, m, price, steady, small, most):
                 p.need[k] -= step * p.row[k, 0, i] * p.d[t * n + i]
                 if t + 1 < m:
                     p.need[k] -= step * p.row[k, 1, i] * p.d[(t + 1) * n + i]
-            for j in range(4):
+            for j in range(2):
                 p.rs[k, j] += step * p.dr[k, j]
         for t in range(m):
             for kind in range(_KINDS):
                 if p.on[t, kind]:
                     for side in range(2):
+                        s, z = p.s[t, kind, side], p.z[t, kind, side]
+                        ds, dz = p.ds[t, kind, side], p.dz[t, kind, side]
                         for i in range(n):
-                            p.s[t, kind, side, i] += step * p.ds[t, kind, side, i]
-                            p.z[t, kind, side, i] += step * p.dz[t, kind, side, i]
+                            s[i] += step * ds[i]
+                            z[i] += step * dz[i]
         mu = _products(p, m, 0.0)[0]
         if mu <= small and step > 0.9:
             break

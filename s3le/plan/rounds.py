@@ -32,7 +32,8 @@ class Custom(NamedTuple):
 
     target: float  # [m], clearance that is aimed at
     band: float  # [m], pairs farther than this over the target are left out
-    price: float  # cost of a metre that a linearised clearance lacks
+    soft: float  # stiffness of the clearances in the first round, [1/m^2],
+    stiff: float  # and in the last; what lacks e costs half of it times e^2
     steady: float  # weight of the squared second differences
     small: float  # product of slack and multiplier at which a solve ends
     rounds: int  # most linearisations
@@ -174,14 +175,17 @@ def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
     """
     before = np.empty((m, p.q.shape[1]))
     out[:] = 0.0
+    mu = 1e-5
     for turn in range(custom.rounds):
         before[:] = p.q[:m]
         linearise(chain, balls, p, m, aim, target, between, custom)
         first = anew and turn == 0
-        mu = 1e-3 if first else 1e-5
+        stiff = custom.soft * 4.0**turn if anew else custom.stiff
+        stiff = min(stiff, custom.stiff)
+        mu = 1e-2 if first else min(max(mu, 1e-7), 1e-3)
         warm(p, m, mu, 0.05 if first else 1e-4, first)
-        warm_rows(p, mu, custom.price)
-        mu, done = improve(p, m, custom.price, custom.steady, custom.small, custom.inner)
+        warm_rows(p, mu, stiff)
+        mu, done = improve(p, m, stiff, custom.steady, custom.small, custom.inner)
         out[0] += 1.0
         out[1] += done
         most = 0.0
@@ -192,6 +196,6 @@ def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
                     return False
                 most = max(most, far)
         out[2] = most
-        if most < custom.fine:
+        if most < custom.fine and stiff == custom.stiff:
             break
     return True
