@@ -47,7 +47,6 @@ class Care(NamedTuple):
     band: float  # [m], pairs farther than this over the target are left out
     steps: int  # most iterations of a search
     budget: int  # most poses that a proof looks at
-    foresight: float  # share of the wanted pose's speed that is expected to last
 
 
 @compiled
@@ -290,43 +289,3 @@ def advance(
     found = prove(chain, swept, s, q, q, care.between, care.budget)
     out[0] = found[1]
     return HELD
-
-
-@compiled
-def drive(
-    chain, swept, s, times, wanted, x, bone, W, bounds, care, q, how, bound
-):  # fmt: skip
-    """Follow wanted poses row by row, from the first row of q on.
-
-    Args:
-        chain, swept, s, bounds, care: see advance.
-        times: [s], (m,), rising.
-        wanted: [rad], (m, n).
-        x: their skeletons, (m, 21), or (0, 21).
-        bone, W: see search; W (m or 1, n, n).
-        q: receives the motion [rad], (m, n); its first row is where the robot is, at rest.
-        how: receives how each step came about, int64 (m,); the first is left as it is.
-        bound: receives the proven clearance of each path [m], (m,); likewise.
-    """
-    m, n = wanted.shape
-    v = np.zeros(n)
-    drift = np.zeros(n)
-    out = np.zeros(2)
-    before = 0.0
-    for t in range(1, m):
-        dt = times[t] - times[t - 1]
-        if t == 1:
-            before = dt
-        for i in range(n):
-            drift[i] = care.foresight * (wanted[t, i] - wanted[t - 1, i]) / dt
-            most = bounds.speed[i]
-            drift[i] = min(max(drift[i], -most), most)
-        skeleton = x[t] if len(x) > 0 else np.empty(0)
-        how[t] = advance(
-            chain, swept, s, q[t - 1], v, before, dt, bounds, care, wanted[t], drift, skeleton,
-            bone, W[min(t, len(W) - 1)], q[t], out,
-        )  # fmt: skip
-        bound[t] = out[0]
-        for i in range(n):
-            v[i] = (q[t, i] - q[t - 1, i]) / dt
-        before = dt

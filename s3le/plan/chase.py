@@ -52,7 +52,7 @@ def speeds(q, v, mean, dt, lower, upper, most, a):
 
 
 @compiled
-def chase(times, wanted, lower, upper, speed, acceleration, spare, q):
+def chase(times, wanted, lower, upper, speed, acceleration, spare, given, q):
     """Each joint alone after what is wanted, within its limits, stopping where it is wanted.
 
     Args:
@@ -60,16 +60,24 @@ def chase(times, wanted, lower, upper, speed, acceleration, spare, q):
         wanted: [rad], (m, n), m at least 1.
         lower, upper, speed, acceleration: limits, (n,).
         spare: share of speed and acceleration that is not used.
+        given: rows of q that are given, 0 or 2, from which it goes on.
         q: receives the motion [rad], (m, n).
     """
     m, n = wanted.shape
     for i in range(n):
         most, a = speed[i] * (1.0 - spare), acceleration[i] * (1.0 - spare)
         here = min(max(wanted[0, i], lower[i]), upper[i])
-        q[0, i] = here
         v = 0.0
         before = 0.0
-        for t in range(1, m):
+        first = 1
+        if given == 2:
+            before = abs(times[1] - times[0])
+            here = q[1, i]
+            v = (q[1, i] - q[0, i]) / before
+            first = 2
+        else:
+            q[0, i] = here
+        for t in range(first, m):
             dt = abs(times[t] - times[t - 1])
             if t == 1:  # nothing went before: any speed
                 low, high, _ = speeds(here, 0.0, 1e9, dt, lower[i], upper[i], most, a)

@@ -30,7 +30,6 @@ class Aim(NamedTuple):
 class Custom(NamedTuple):
     """How planning is done."""
 
-    target: float  # [m], clearance that is aimed at
     band: float  # [m], pairs farther than this over the target are left out
     soft: float  # stiffness of the clearances in the first round, [1/m^2],
     stiff: float  # and in the last; what lacks e costs half of it times e^2

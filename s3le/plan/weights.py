@@ -1,0 +1,32 @@
+"""What it costs a joint to be off, and what it costs a skeleton."""
+
+import numpy as np
+
+from s3le.kernels.swept import swept
+from s3le.machine import Machine
+from s3le.skeleton import BONES
+
+TRUNK = 10.0  # weight of the trunk's direction beside the other bones'
+RIDGE = 0.01  # weight of a joint [1/rad^2] beside the skeleton's
+_LEAST = 0.02  # of the mean weight, so that no joint is free
+
+
+def of_joints(machine: Machine) -> np.ndarray:
+    """A weight for each joint, (n, n), diagonal, of mean 1: its squared reach.
+
+    The reach is how far the farthest point of a body that the joint carries can be from its axis:
+    what a radian of it moves. So trunks are dear and wrists are cheap.
+    """
+    reach = swept(machine.chain).radius.max(axis=0, initial=0.0)  # (n,) [m]
+    weight = reach**2 if reach.any() else np.ones(machine.robot.n_dof)
+    weight = weight / weight.mean()
+    return np.diag(np.maximum(weight, _LEAST))
+
+
+def of_bones(machine: Machine, trunk: float = TRUNK) -> np.ndarray:
+    """A weight for each component of a skeleton, (21,): 1, `trunk`, or 0 if not followed."""
+    weight = np.ones(len(BONES))
+    weight[0] = trunk
+    if machine.followed is not None:
+        weight[~machine.followed] = 0.0
+    return np.repeat(weight, 3)
