@@ -15,6 +15,7 @@ from s3le.kernels.kinematics import bones, place
 from s3le.plan.interior import Program, improve, warm, warm_rows
 
 MORE = 24  # linearised clearances a frame that there is room for, in the mean
+_LAST = 25  # most iterations after the last linearisation
 _EPS = 1e-7  # share of every limit that is not used, so that no rounding exceeds it
 
 
@@ -175,6 +176,7 @@ def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
     before = np.empty((m, p.q.shape[1]))
     out[:] = 0.0
     mu = 1e-5
+    stiff = custom.stiff
     for turn in range(custom.rounds):
         before[:] = p.q[:m]
         linearise(chain, balls, p, m, aim, target, between, custom)
@@ -197,4 +199,7 @@ def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
         out[2] = most
         if most < custom.fine and stiff == custom.stiff:
             break
-    return True
+    # A restart moves slacks off their walls; limits are kept when the last step is a whole one.
+    mu, done = improve(p, m, stiff, custom.steady, custom.small, _LAST)
+    out[1] += done
+    return np.isfinite(p.q[:m]).all()

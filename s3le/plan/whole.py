@@ -235,20 +235,13 @@ class _Job:
                 chain, balls, p, m, aim, target, between, custom, turn == 0, out
             )
             if not good or limits.broken(times, p.q[:m], most).any():
-                if turn == 0 and good:  # perhaps it has only not got there yet
-                    rounds.settle_window(
-                        chain, balls, p, m, aim, target, between, custom, False, out
-                    )
-                    good = not limits.broken(times, p.q[:m], most).any()
-                else:
-                    good = False
-                if not good:
-                    if joins:
-                        self.q[rows] = kept
-                    else:
-                        self.q[rows] = self._guess(times, self.wanted[rows], kept, before, 0)
-                    self.measure(own.start, own.stop)
-                    return not joins
+                if turn:
+                    return True  # what was found before stays
+                self.q[rows] = kept if joins else self._guess(
+                    times, self.wanted[rows], kept, before, 0
+                )
+                self.measure(own.start, own.stop)
+                return not joins
             self.q[rows] = p.q[:m]
             self.measure(own.start, own.stop)
             bad = np.flatnonzero(self.close(own.start, own.stop))
