@@ -229,11 +229,12 @@ class _Job:
         between, out = np.zeros(m), np.zeros(3)
         own = slice(start, min(stop + 1, len(self.q)))
         chain, balls = its.machine.chain, its._swept.balls
-        custom = its._custom
+        again = its._custom._replace(rounds=max(its._custom.rounds // 2, 1))
         for turn in range(its.settings.repairs + 1):
             good = rounds.settle_window(
-                chain, balls, p, m, aim, target, between, custom, turn == 0, out
-            )
+                chain, balls, p, m, aim, target, between, again if turn else its._custom,
+                turn == 0, out,
+            )  # fmt: skip
             if not good or limits.broken(times, p.q[:m], most).any():
                 if turn:
                     return True  # what was found before stays
