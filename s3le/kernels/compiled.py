@@ -18,12 +18,13 @@ from numba import config, njit
 from numba.core.caching import UserProvidedCacheLocator
 
 _HERE = Path(__file__).parent
-_ROOMS = _HERE, _HERE.parent / "plan"  # where kernels are
+_PLAN = _HERE.parent / "plan"  # holds kernels too, beside what drives them
 
 
 def key() -> str:
     """Hash of the text of all kernels."""
-    texts = [path.read_bytes() for room in _ROOMS for path in sorted(room.glob("*.py"))]
+    texts = [path.read_bytes() for path in sorted(_HERE.glob("*.py"))]
+    texts += [t for path in sorted(_PLAN.glob("*.py")) if b"@compiled" in (t := path.read_bytes())]
     return hashlib.sha256(b"\0".join(texts)).hexdigest()[:16]
 
 

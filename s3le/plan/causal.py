@@ -47,6 +47,7 @@ class Care(NamedTuple):
     band: float  # [m], pairs farther than this over the target are left out
     steps: int  # most iterations of a search
     budget: int  # most poses that a proof looks at
+    lead: float  # share of the way on which it would brake that counts as gone already
 
 
 @compiled
@@ -120,7 +121,7 @@ def safe(chain, swept, s, q, to, dt, bounds, care, out):
 
 
 @compiled
-def search(chain, balls, q, v, low, high, dt, bounds, care, want, drift, x, bone, W, c):
+def search(chain, balls, q, v, low, high, dt, bounds, care, want, x, bone, W, c):
     """The pose of a box that is nearest to what is wanted, pairs kept apart.
 
     Args:
@@ -131,7 +132,6 @@ def search(chain, balls, q, v, low, high, dt, bounds, care, want, drift, x, bone
         dt: duration of the step [s].
         bounds, care: see there.
         want: [rad], (n,).
-        drift: speed at which what is wanted is expected to go on [rad/s], (n,).
         x: skeleton wanted, (21,); of length 0: none.
         bone: weights of its components, (21,).
         W: weights of the joints, (n, n).
@@ -170,11 +170,7 @@ def search(chain, balls, q, v, low, high, dt, bounds, care, want, drift, x, bone
             rest[i] = c[i] + far if w > 0.0 else c[i] - far
             times[i] = 1.0 + m
             moving = moving or m > 0.0
-            # Where it would meet what is wanted, if it brakes to the speed of that.
-            e = w - drift[i]
-            m = np.floor(abs(e) / unit) if unit < np.inf else 0.0
-            far = dt * (m * abs(e) - 0.5 * unit * m * (m + 1.0)) if m > 0.0 else 0.0
-            goal[i] = c[i] + far if e > 0.0 else c[i] - far
+            goal[i] = c[i] + care.lead * (rest[i] - c[i])
             lower[i] = low[i] - c[i]
             upper[i] = high[i] - c[i]
         for i in range(n):
@@ -228,7 +224,7 @@ def search(chain, balls, q, v, low, high, dt, bounds, care, want, drift, x, bone
 
 @compiled
 def advance(
-    chain, swept, s, q, v, before, dt, bounds, care, want, drift, x, bone, W, to, out
+    chain, swept, s, q, v, before, dt, bounds, care, want, x, bone, W, to, out
 ):  # fmt: skip
     """One step.
 
@@ -238,7 +234,7 @@ def advance(
         v: speed of its last step [rad/s], (n,).
         before, dt: duration of the last step and of this one [s].
         bounds, care: see there.
-        want, drift, x, bone, W: see search.
+        want, x, bone, W: see search.
         to: receives the pose to go to [rad], (n,).
         out: receives [proven clearance of the path [m], poses looked at in proofs].
 
@@ -267,7 +263,7 @@ def advance(
         high[i] = min(max(q[i] + most * dt, bounds.lower[i]), bounds.upper[i])
     c = np.empty(n)
     search(
-        chain, swept.balls, q, v, low, high, dt, bounds, care, want, drift, x, bone, W, c
+        chain, swept.balls, q, v, low, high, dt, bounds, care, want, x, bone, W, c
     )  # fmt: skip
     if inside(c, low, high):
         to[:] = c

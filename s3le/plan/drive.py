@@ -39,7 +39,7 @@ def examine(chain, swept, s, q, care, first, last, clearance, proven, where, bou
 @compiled
 def drive(
     chain, swept, s, memory, times, wanted, x, bone, W, starts, anchor, rule, bounds, care,
-    foresight, first, stop, q, how, bound,
+    first, stop, q, how, bound,
 ):  # fmt: skip
     """Follow wanted poses row by row, until the robot is on them again.
 
@@ -51,7 +51,6 @@ def drive(
         x: their skeletons, (m, 21), or (0, 21).
         bone, W: see causal.search; W (m or 1, n, n).
         starts, anchor, rule: see pursue.
-        foresight: share of the wanted pose's speed that is expected to last.
         first: row of q where the robot is; it comes from the row before, or stands, at row 0.
         stop: row from which on it may end with two rows as wanted.
         q: receives the motion [rad], (m, n), from row first + 1 on.
@@ -62,7 +61,6 @@ def drive(
     """
     m, n = wanted.shape
     v = np.zeros(n)
-    drift = np.zeros(n)
     out = np.zeros(2)
     before = times[1] - times[0]
     if first > 0:
@@ -72,14 +70,10 @@ def drive(
     same = 0
     for t in range(first + 1, m):
         dt = times[t] - times[t - 1]
-        for i in range(n):
-            most = bounds.speed[i]
-            drift[i] = foresight * (wanted[t, i] - wanted[t - 1, i]) / dt
-            drift[i] = min(max(drift[i], -most), most)
         skeleton = x[t] if len(x) > 0 else np.empty(0)
         how[t] = pursue(
-            chain, swept, s, memory, q[t - 1], v, before, dt, bounds, care, wanted[t], drift,
-            skeleton, bone, W[min(t, len(W) - 1)], starts, anchor, rule, q[t], out,
+            chain, swept, s, memory, q[t - 1], v, before, dt, bounds, care, wanted[t], skeleton,
+            bone, W[min(t, len(W) - 1)], starts, anchor, rule, q[t], out,
         )  # fmt: skip
         bound[t] = out[0]
         same += 1

@@ -55,7 +55,8 @@ def limits(
             f"the acceleration of {machine.robot.joint_names[int(np.argmin(most > 0.0))]} must be "
             f"above 0 rad/s^2, got {most[int(np.argmin(most > 0.0))]!r}"
         )
-    return Limits(machine.robot.lower.copy(), machine.robot.upper.copy(), speed * speed_factor, most)
+    robot = machine.robot
+    return Limits(robot.lower.copy(), robot.upper.copy(), speed * speed_factor, most)
 
 
 def motion(times: np.ndarray, q: np.ndarray, n_dof: int) -> tuple[np.ndarray, np.ndarray]:

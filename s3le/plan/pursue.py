@@ -1,9 +1,11 @@
 """Towards a wanted pose, out of dead ends too; compiled.
 
 Going downhill in the skeleton's distance ends at times where no small step helps: a joint at its
-end, or bodies in the way of each other, and the wanted pose on the other side. Then the robot goes
-for the wanted joint angles instead, and where bodies block that, by a pose or two from which the
-way is proven (s3le/kernels/around.py).
+end, or bodies in the way of each other, and the wanted pose on the other side. So where the wanted
+angles are far off, both ways are tried out in thought for half a second, as if what is wanted
+stood still: downhill, and straight for the angles. The robot takes the one on which it is nearer,
+and where bodies block it, goes by a pose or two from which the way is proven
+(s3le/kernels/around.py).
 """
 
 from typing import NamedTuple
@@ -15,14 +17,18 @@ from s3le.kernels.compiled import compiled
 from s3le.kernels.kinematics import bones, place
 from s3le.kernels.refine import apart
 from s3le.kernels.segment import CERTIFIED, prove
-from s3le.plan.causal import LIMITED, SHORTENED, WANTED, advance
+from s3le.plan.causal import LIMITED, SHORTENED, WANTED, Care, advance, search
+from s3le.plan.chase import fastest, speeds
 
 AROUND = 6  # how a step came about, beside those of s3le/plan/causal.py: by a pose to go around by
 
-MODE, LEFT, TURN = 0, 1, 2  # entries of Memory.flag
-_STUCK = 0.07  # weighted sum of cosine distances lost from which it may be a dead end,
-_NEARER = 0.97  # if a step leaves more than this share of it
-_OUT = 0.03  # lost, with which it is one no more
+MODE, LEFT, TURN, WAIT = 0, 1, 2, 3  # entries of Memory.flag
+_FAR = 0.5  # [rad] from the wanted angles, from which both ways are tried out,
+_LOST = 0.07  # if the skeleton is off by a weighted sum of cosine distances of this and more
+_OFTEN = 100  # [ms], so often at most
+_THOUGHT, _PART = 12, 0.04  # steps that are thought ahead, and what each takes at least [s]
+_END = 8.0  # what the last of them counts
+_BETTER = 0.8  # share of the other's cost with which a way is changed
 _CLOSE = 0.15  # [rad], and as near as this it is none either
 _THERE = 0.05  # [rad], a pose to go around by counts as reached
 _STILL = 0.01  # [rad], a step that moves no joint farther is none
@@ -31,14 +37,15 @@ _STILL = 0.01  # [rad], a step that moves no joint farther is none
 class Memory(NamedTuple):
     """What one robot remembers from step to step beside where it is."""
 
-    flag: np.ndarray  # int64 (3,): going for joint angles; poses to go around by; next way to try
+    flag: np.ndarray  # int64 (4,): going for joint angles; poses to go around by; next way to
+    # try; time until both ways may be tried out again [ms]
     way: np.ndarray  # [rad], (2, n), poses to go around by, the next one last
     W: np.ndarray  # (n, n), weights of the joints while it goes for them
 
 
 def memory(W: np.ndarray) -> Memory:
     """An empty memory; W (n, n) weighs the joints while the robot goes for angles."""
-    return Memory(np.zeros(3, np.int64), np.zeros((2, len(W))), np.ascontiguousarray(W, float))
+    return Memory(np.zeros(4, np.int64), np.zeros((2, len(W))), np.ascontiguousarray(W, float))
 
 
 @compiled
@@ -58,11 +65,47 @@ def lost(chain, q, x, bone):
 
 
 @compiled
+def ahead(chain, balls, q, v, dt, bounds, care, want, x, bone, W, direct):
+    """What a way costs in the half second to come: the sum of what is lost after each step.
+
+    Args:
+        chain, balls: the robot and distance.reach(chain).
+        q, v, dt, bounds, care, want, x, bone, W: see causal.advance.
+        direct: each joint goes straight for its angle, through everything; else downhill.
+    """
+    n = len(q)
+    dt = max(dt, _PART)
+    here, speed = q.copy(), v.copy()
+    low = np.empty(n)
+    high = np.empty(n)
+    to = np.empty(n)
+    total = 0.0
+    for k in range(_THOUGHT):
+        for i in range(n):
+            least, most, _ = speeds(
+                here[i], speed[i], dt, dt, bounds.lower[i], bounds.upper[i], bounds.speed[i],
+                bounds.acceleration[i],
+            )  # fmt: skip
+            low[i] = min(max(here[i] + least * dt, bounds.lower[i]), bounds.upper[i])
+            high[i] = min(max(here[i] + most * dt, bounds.lower[i]), bounds.upper[i])
+            far = want[i] - here[i]
+            w = fastest(abs(far), bounds.acceleration[i], dt)
+            to[i] = min(max(here[i] + (w if far > 0.0 else -w) * dt, low[i]), high[i])
+        if not direct:
+            search(chain, balls, here, speed, low, high, dt, bounds, care, want, x, bone, W, to)
+        for i in range(n):
+            speed[i] = (to[i] - here[i]) / dt
+            here[i] = to[i]
+        total += lost(chain, here, x, bone) * (_END if k == _THOUGHT - 1 else 1.0)
+    return total
+
+
+@compiled
 def pursue(
-    chain, swept, s, memory, q, v, before, dt, bounds, care, want, drift, x, bone, W, starts,
+    chain, swept, s, memory, q, v, before, dt, bounds, care, want, x, bone, W, starts,
     anchor, rule, to, out,
 ):  # fmt: skip
-    """One step; arguments and result as of causal.advance, or AROUND; and
+    """One step; arguments and result as of causal.advance, or AROUND; and these.
 
     Args:
         memory: a Memory, moved on.
@@ -71,7 +114,6 @@ def pursue(
         rule: a kernels.refine.Rule; margin, between and budget are read.
     """
     nothing = np.empty(0)
-    calm = np.zeros(len(q))
     if memory.flag[LEFT]:
         if prove(chain, swept, s, q, want, rule.between, rule.budget)[0] == CERTIFIED:
             memory.flag[LEFT] = 0
@@ -82,7 +124,7 @@ def pursue(
                 memory.flag[LEFT] -= 1
                 continue
             how = advance(
-                chain, swept, s, q, v, before, dt, bounds, care, memory.way[left - 1], calm,
+                chain, swept, s, q, v, before, dt, bounds, care, memory.way[left - 1],
                 nothing, bone, memory.W, to, out,
             )  # fmt: skip
             if how >= SHORTENED and apart(q, to) < _STILL:
@@ -91,7 +133,7 @@ def pursue(
             return AROUND
     direct = memory.flag[MODE] == 1 or len(x) == 0
     how = advance(
-        chain, swept, s, q, v, before, dt, bounds, care, want, drift,
+        chain, swept, s, q, v, before, dt, bounds, care, want,
         nothing if direct else x, bone, memory.W if direct else W, to, out,
     )  # fmt: skip
     if how == WANTED:
@@ -99,12 +141,24 @@ def pursue(
         return how
     far = apart(to, want)
     if len(x) > 0:
-        gone = lost(chain, to, x, bone)
-        if direct:
-            if gone < _OUT or far < _CLOSE:
-                memory.flag[MODE] = 0
-        elif gone > _STUCK and far > _CLOSE and gone > _NEARER * lost(chain, q, x, bone):
-            memory.flag[MODE] = 1
+        memory.flag[WAIT] -= np.int64(np.ceil(1e3 * dt))
+        if far < _CLOSE:
+            memory.flag[MODE] = 0
+        elif far > _FAR and memory.flag[WAIT] <= 0 and lost(chain, to, x, bone) > _LOST:
+            memory.flag[WAIT] = _OFTEN
+            quick = Care(
+                care.target, care.margin, care.between, care.band, 1, care.budget, care.lead
+            )  # fmt: skip
+            straight = ahead(
+                chain, swept.balls, q, v, dt, bounds, quick, want, x, bone, W, True
+            )  # fmt: skip
+            downhill = ahead(
+                chain, swept.balls, q, v, dt, bounds, quick, want, x, bone, W, False
+            )  # fmt: skip
+            if direct:
+                memory.flag[MODE] = 0 if downhill < _BETTER * straight else 1
+            else:
+                memory.flag[MODE] = 1 if straight < _BETTER * downhill else 0
     if direct and far > _CLOSE and how >= LIMITED and apart(q, to) < _STILL:
         # Bodies are in the way.
         memory.flag[LEFT] = seek(

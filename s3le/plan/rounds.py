@@ -12,7 +12,7 @@ import numpy as np
 from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import near_pairs, place_capsules
 from s3le.kernels.kinematics import bones, place
-from s3le.plan.interior import Program, improve, warm, warm_rows
+from s3le.plan.interior import improve, warm, warm_rows
 
 MORE = 24  # linearised clearances a frame that there is room for, in the mean
 _LAST = 25  # most iterations after the last linearisation

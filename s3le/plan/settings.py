@@ -27,14 +27,17 @@ RANGES = {  # field -> (least, most), both allowed
     "inner": (1, 1000),
     "repairs": (0, 100),
     "search": (1, 1000),
-    "foresight": (0.0, 1.0),
+    "lead": (0.0, 1.0),
     "budget": (0, 100_000),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Settings of planning; the clearances stand in this order: target, the robot's own, between."""
+    """Settings of planning.
+
+    The clearances stand in this order: target, the robot's own margin, between.
+    """
 
     target: float = 0.004  # clearance that is aimed at [m], at least the poses' margin
     between: float = 0.0005  # clearance kept on the paths between poses [m], at most the margin
@@ -50,7 +53,7 @@ class Settings:
     inner: int = 4  # most iterations between two
     repairs: int = 3  # times that unproven paths are planned anew
     search: int = 3  # most iterations of the search for one step
-    foresight: float = 1.0  # share of the wanted pose's speed that a step expects to last
+    lead: float = 1.0  # share of the way on which a step's brake goes that counts as gone already
     budget: int = BUDGET  # poses that a proof may look at
     check: bool = True  # measure every pose of the result with coal too
 
@@ -94,6 +97,7 @@ class Settings:
         return Care(
             target=float(self.target), margin=float(machine.margin), between=float(self.between),
             band=float(self.band), steps=int(self.search), budget=int(self.budget),
+            lead=float(self.lead),
         )  # fmt: skip
 
     def rule(self, machine: Machine) -> refine.Rule:

@@ -89,7 +89,6 @@ class Walker:
         report = self._certifier.require(self._q[None], machine.margin)
         self._clearance = float(report.clearance[0])
         self._v, self._before = np.zeros(n), np.nan
-        self._last: np.ndarray | None = None  # the pose last wanted
 
     @property
     def q(self) -> np.ndarray:
@@ -130,11 +129,14 @@ class Walker:
         before = dt if np.isnan(self._before) else self._before
         to, out = np.empty(n), np.zeros(2)
         chain = self.machine.chain
-        how = self._brake(before, dt, to, out) if wanted is None else pursue.pursue(
-            chain, self._swept, self._scratch, self._memory, self._q, self._v, before, dt,
-            self._bounds, self._care, wanted, self._drift(wanted, dt), self._seen(wanted),
-            self._bone, self._W, starts, self.machine.robot.anchor, self._rule, to, out,
-        )  # fmt: skip
+        if wanted is None:
+            how = self._brake(before, dt, to, out)
+        else:
+            how = pursue.pursue(
+                chain, self._swept, self._scratch, self._memory, self._q, self._v, before, dt,
+                self._bounds, self._care, wanted, self._seen(wanted), self._bone, self._W, starts,
+                self.machine.robot.anchor, self._rule, to, out,
+            )  # fmt: skip
         if self.settings.check and how != causal.HELD:
             measured, room = self._certifier.one(to)
             if not (measured >= self.machine.margin and room >= 0.0):
@@ -143,7 +145,7 @@ class Walker:
         certified = how != causal.HELD or not self._v.any()
         self._v[:] = (to - self._q) / dt
         self._q[:] = to
-        self._before, self._last = dt, wanted
+        self._before = dt
         return Step(self.q, HOW[how], float(out[0]), certified)
 
     def _brake(self, before: float, dt: float, to: np.ndarray, out: np.ndarray) -> int:
@@ -157,13 +159,6 @@ class Walker:
         to[:] = self._q
         out[0] = self._clearance = float(self._certifier.one(self._q)[0])
         return causal.HELD
-
-    def _drift(self, wanted: np.ndarray, dt: float) -> np.ndarray:
-        """How fast what is wanted is expected to go on [rad/s], (n,)."""
-        if self._last is None:
-            return np.zeros(len(wanted))
-        drift = self.settings.foresight * (wanted - self._last) / dt
-        return np.clip(drift, -self.most.speed, self.most.speed)
 
     def _seen(self, wanted: np.ndarray) -> np.ndarray:
         if not self._skeleton:

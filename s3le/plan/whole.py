@@ -145,7 +145,7 @@ class _Job:
         self.proven, self.where = np.zeros(m, np.bool_), np.zeros(m)
         self.driven = np.zeros(m, np.bool_)
         step = float(np.median(np.diff(times))) if m > 1 else 1.0
-        self.reach = int(np.clip(np.ceil(planner.settings.horizon / step), 4, 10_000))
+        self.reach = int(np.clip(np.ceil(planner.settings.horizon / step - 1e-6), 4, 10_000))
 
     def measure(self, first: int, last: int) -> None:
         """Clearances of rows first to last - 1, and proofs of the paths that end there."""
@@ -305,7 +305,7 @@ class _Job:
                 chain, its._swept, its._scratch, pursue.memory(its._joints), self.times, planned,
                 x, self.aim.bone, self.aim.W, np.zeros((0, self.q.shape[1])),
                 its.machine.robot.anchor, its._rule, its._bounds, its._care,
-                its.settings.foresight, first, row, self.q, how, bound,
+                first, row, self.q, how, bound,
             )  # fmt: skip
             self.driven[first + (first > 0) : last + 1] = True
             self.measure(first, min(last + 2, m))
