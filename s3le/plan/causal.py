@@ -21,7 +21,7 @@ from s3le.kernels.segment import CERTIFIED, prove
 from s3le.kernels.solver import clearance_of
 from s3le.plan.chase import fastest, speeds
 
-WANTED, LIMITED, AVOIDED, SHORTENED, BRAKED, HELD = range(6)  # how a step came about
+WANTED, LIMITED, SHORTENED, BRAKED, HELD = range(5)  # how a step came about
 
 ROUNDING = 1e-9  # share by which a speed or acceleration may exceed its limit: of floats
 _EPS = 1e-7  # share of every limit that is not used, so that no rounding exceeds it
@@ -223,6 +223,26 @@ def search(chain, balls, q, v, low, high, dt, bounds, care, want, x, bone, W, c)
 
 
 @compiled
+def straight(q, low, high, to):
+    """Shorten the straight step from q to `to` (n,), to end in the box; False: it cannot."""
+    least, most = 0.0, 1.0
+    for i in range(len(q)):
+        far = to[i] - q[i]
+        if far == 0.0:
+            if not low[i] <= q[i] <= high[i]:
+                return False
+            continue
+        one, other = (low[i] - q[i]) / far, (high[i] - q[i]) / far
+        least = max(least, min(one, other))
+        most = min(most, max(one, other))
+    if not (least <= most and most > 0.0):
+        return False
+    for i in range(len(q)):
+        to[i] = min(max(q[i] + most * (to[i] - q[i]), low[i]), high[i])
+    return True
+
+
+@compiled
 def advance(
     chain, swept, s, q, v, before, dt, bounds, care, want, x, bone, W, to, out
 ):  # fmt: skip
@@ -239,9 +259,9 @@ def advance(
         out: receives [proven clearance of the path [m], poses looked at in proofs].
 
     Returns:
-        WANTED, LIMITED (as near as the joints get), AVOIDED (the same, with a pair near),
-        SHORTENED (part of the way), BRAKED, or HELD: all joints stand still at once, which is
-        proven, but may be a change of speed that is greater than allowed.
+        WANTED, LIMITED (as near as the joints get), SHORTENED (part of the way), BRAKED, or HELD:
+        all joints stand still at once, which is proven, but may be a change of speed that is
+        greater than allowed.
     """
     n = len(q)
     mean = 0.5 * (before + dt)
@@ -271,6 +291,12 @@ def advance(
             return LIMITED
     b = np.empty(n)
     brake(q, v, mean, dt, bounds, b)
+    for i in range(n):
+        to[i] = want[i]
+    # Where the joints are what counts, the straight way may be free though the nearest one is not.
+    if len(x) == 0 and straight(q, low, high, to):
+        if safe(chain, swept, s, q, to, dt, bounds, care, out):
+            return SHORTENED
     share = 0.5
     for _ in range(_PARTS):
         for i in range(n):

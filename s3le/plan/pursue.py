@@ -17,10 +17,10 @@ from s3le.kernels.compiled import compiled
 from s3le.kernels.kinematics import bones, place
 from s3le.kernels.refine import apart
 from s3le.kernels.segment import CERTIFIED, prove
-from s3le.plan.causal import LIMITED, SHORTENED, WANTED, Care, advance, search
+from s3le.plan.causal import SHORTENED, WANTED, Care, advance, search
 from s3le.plan.chase import fastest, speeds
 
-AROUND = 6  # how a step came about, beside those of s3le/plan/causal.py: by a pose to go around by
+AROUND = 5  # how a step came about, beside those of s3le/plan/causal.py: by a pose to go around by
 
 MODE, LEFT, TURN, WAIT = 0, 1, 2, 3  # entries of Memory.flag
 _FAR = 0.5  # [rad] from the wanted angles, from which both ways are tried out,
@@ -159,7 +159,7 @@ def pursue(
                 memory.flag[MODE] = 0 if downhill < _BETTER * straight else 1
             else:
                 memory.flag[MODE] = 1 if straight < _BETTER * downhill else 0
-    if direct and far > _CLOSE and how >= LIMITED and apart(q, to) < _STILL:
+    if far > _CLOSE and apart(q, to) < _STILL and (direct or how >= SHORTENED):
         # Bodies are in the way.
         memory.flag[LEFT] = seek(
             chain, swept, s, q, want, starts, anchor, rule, memory.flag[TURN], memory.way
