@@ -88,7 +88,10 @@ def bound(p, m, times, lower, upper, speed, acceleration):
 
 @compiled
 def _add(p, t, count, d, G, need, share):
-    """Rows for the pairs found, at a share of the way from frame t to the next."""
+    """Rows for the pairs found, at a share of the way from frame t to the next.
+
+    Pairs for which there is no room are left to the proof, which looks at all of them.
+    """
     n = G.shape[1]
     k = p.count[0]
     for j in range(count):

@@ -60,8 +60,10 @@ class Walker:
         Args:
             machine, most, settings: see whole.Planner.
             q: where the robot stands [rad], (n,).
-            skeleton, bone: see whole.Planner.plan.
-            weight: of the joints, (n, n); see whole.Planner.plan.
+            skeleton: see whole.Planner.plan.
+            weight: of the joints, (n, n). None: weights.of_joints, or, beside the skeleton,
+                weights.STREAM_RIDGE for each.
+            bone: of the skeleton's components, (21,); None: weights.of_bones with STREAM_TRUNK.
 
         Raises:
             ParameterError: an argument has another shape or is not finite.
@@ -75,9 +77,11 @@ class Walker:
         self._scratch, self._certifier = segment.scratch(machine.chain), machine.certifier()
         joints = weights.of_joints(machine)
         if weight is None:
-            weight = weights.RIDGE * np.eye(n) if skeleton else joints
+            weight = weights.STREAM_RIDGE * np.eye(n) if skeleton else joints
         self._W = np.ascontiguousarray(weight, float)
-        bone = weights.of_bones(machine) if bone is None else np.ascontiguousarray(bone, float)
+        if bone is None:
+            bone = weights.of_bones(machine, weights.STREAM_TRUNK)
+        bone = np.ascontiguousarray(bone, float)
         if self._W.shape != (n, n) or not np.isfinite(self._W).all():
             raise ParameterError(f"weights must be finite, ({n}, {n}), got {self._W.shape}")
         if bone.shape != (DIM,) or not (np.isfinite(bone) & (bone >= 0.0)).all():

@@ -6,8 +6,9 @@ from s3le.kernels.swept import swept
 from s3le.machine import Machine
 from s3le.skeleton import BONES
 
-TRUNK = 10.0  # weight of the trunk's direction beside the other bones'
-RIDGE = 0.01  # weight of a joint [1/rad^2] beside the skeleton's
+TRUNK, RIDGE = 10.0, 0.01  # of a file: weight of the trunk's direction beside the other bones',
+# and of a joint [1/rad^2] beside the skeleton
+STREAM_TRUNK, STREAM_RIDGE = 20.0, 0.1  # of a stream, which cannot prepare for what comes
 _LEAST = 0.02  # of the mean weight, so that no joint is free
 
 

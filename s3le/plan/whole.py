@@ -30,7 +30,6 @@ from s3le.skeleton import DIM
 WANTED, PLANNED, DRIVEN = range(3)  # where a row comes from
 _SPARE = 0.1  # share of speed and acceleration that the first guess leaves
 _MORE = 0.001  # [m], that a pose or path which failed is asked to keep beyond what it lacked
-_BACK = 90  # most rows that are gone back from what failed to where the robot can stop
 
 
 class Plan(NamedTuple):
@@ -112,6 +111,19 @@ class Planner:
         same = (job.q == wanted).all(axis=1)
         how = np.where(same, WANTED, np.where(job.driven, DRIVEN, PLANNED)).astype(np.uint8)
         return Plan(job.q, how, job.clearance, job.bound)
+
+    def warm_up(self) -> None:
+        """Compile what a motion needs, or read it from the store, so that none waits for it.
+
+        The first time after an installation this takes minutes.
+        """
+        anchor, times = self.machine.robot.anchor, np.arange(24) / 30.0
+        wanted = np.tile(anchor, (24, 1))
+        wanted[12] += 0.5
+        for skeleton in (False, True):
+            job = _Job(self, times, wanted, self._aim(times, wanted, skeleton, None, None))
+            job.around(0, 24)
+            job.past(1)
 
     def _aim(self, times, wanted, skeleton, weight, bone) -> rounds.Aim:
         n = wanted.shape[1]
@@ -277,41 +289,41 @@ class _Job:
 
     def repair(self) -> None:
         """Drive the robot past what is not proven yet, each step proven."""
-        its, m = self.its, len(self.q)
-        chain = its.machine.chain
-        done, out = 0, np.zeros(2)
-        while True:
-            bad = self.close(0, m)
-            if not bad[done:].any():
-                return
-            row = done + int(np.argmax(bad[done:]))
-            first = max(row - 1, 0)
-            while first > 0 and not causal.safe(
-                chain, its._swept, its._scratch, self.q[first - 1], self.q[first],
-                self.times[first] - self.times[first - 1], its._bounds, its._care, out,
-            ):  # fmt: skip
-                first -= 1
-            planned = self.q.copy()
-            if first == 0 and not self.clearance[0] >= its.machine.margin + AGREEMENT:
-                self.q[0] = batch.project(
-                    chain, its.machine.robot.anchor, self.q[:1], its._care.target
-                ).q[0]
-            x = self.aim.x
-            if len(x):
-                x = np.empty_like(x)
-                batch._skeletons(chain, planned, x)
-            how, bound = np.zeros(m, np.int64), np.zeros(m)
-            last = drive(
-                chain, its._swept, its._scratch, pursue.memory(its._joints), self.times, planned,
-                x, self.aim.bone, self.aim.W, np.zeros((0, self.q.shape[1])),
-                its.machine.robot.anchor, its._rule, its._bounds, its._care,
-                first, row, self.q, how, bound,
-            )  # fmt: skip
-            self.driven[first + (first > 0) : last + 1] = True
-            self.measure(first, min(last + 2, m))
-            if last <= done and done:
+        done = 0
+        while (bad := self.close(0, len(self.q))[done:]).any():
+            last = self.past(done + int(np.argmax(bad)))
+            if last < done:
                 return  # no further
             done = last + 1
+
+    def past(self, row: int) -> int:
+        """Drive the robot past a row until it is on the plan again; the last row that changed."""
+        its, m = self.its, len(self.q)
+        chain = its.machine.chain
+        first, out = max(row - 1, 0), np.zeros(2)
+        while first > 0 and not causal.safe(
+            chain, its._swept, its._scratch, self.q[first - 1], self.q[first],
+            self.times[first] - self.times[first - 1], its._bounds, its._care, out,
+        ):  # fmt: skip
+            first -= 1
+        planned = self.q.copy()
+        if first == 0 and not self.clearance[0] >= its.machine.margin + AGREEMENT:
+            anchor = its.machine.robot.anchor
+            self.q[0] = batch.project(chain, anchor, self.q[:1], its._care.target).q[0]
+        x = self.aim.x
+        if len(x):
+            x = np.empty_like(x)
+            batch._skeletons(chain, planned, x)
+        how, bound = np.zeros(m, np.int64), np.zeros(m)
+        last = drive(
+            chain, its._swept, its._scratch, pursue.memory(its._joints), self.times, planned,
+            x, self.aim.bone, self.aim.W, np.zeros((0, self.q.shape[1])),
+            its.machine.robot.anchor, its._rule, its._bounds, its._care, first, row, self.q, how,
+            bound,
+        )  # fmt: skip
+        self.driven[first + (first > 0) : last + 1] = True
+        self.measure(first, min(last + 2, m))
+        return last
 
 
 def _runs(bad: np.ndarray, reach: int, m: int) -> list[tuple[int, int]]:
