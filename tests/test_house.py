@@ -24,7 +24,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "pinocchio": ("s3le/robot/", "s3le/onboard/", "s3le/safety/judge.py", "s3le/show/visual.py"),
     "coal": ("s3le/robot/", "s3le/onboard/", "s3le/show/visual.py"),
     "scipy": ("s3le/onboard/",),
-    "numba": ("s3le/kernels/", "s3le/safety/", "s3le/search/", "s3le/retarget/"),
+    "numba": ("s3le/kernels/", "s3le/safety/", "s3le/search/", "s3le/retarget/", "s3le/plan/"),
     "pooch": ("s3le/human/fetch.py",),
     "requests": ("s3le/human/fetch.py",),
     "torch": (
@@ -71,6 +71,7 @@ APART = [
     ("s3le/kernels/", {"torch", "matplotlib"}),
     ("s3le/safety/", {"torch", "matplotlib"}),
     ("s3le/search/", {"torch", "matplotlib"}),
+    ("s3le/plan/", {"torch", "matplotlib", "ray"}),
     ("s3le/human/", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
     ("s3le/report/", {"torch", "pinocchio", "coal"}),
     ("s3le/tuples/", {"torch", "matplotlib"}),

@@ -29,7 +29,7 @@ from numba.core.caching import UserProvidedCacheLocator
 from s3le.store import cache
 
 _HERE = Path(__file__).parent
-_ROOMS = ("kernels", "safety", "search", "retarget", "show")  # where functions are compiled
+_ROOMS = ("kernels", "safety", "search", "retarget", "plan", "show")  # where functions are compiled
 _LOCK = ".lock"
 
 

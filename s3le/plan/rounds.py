@@ -1,0 +1,208 @@
+"""The nearest motion in a window of time: Gauss-Newton rounds about the interior-point method.
+
+Each round linearises the skeleton and the clearances of pairs that come near, at the motion that
+the round before found, and solves the program that this makes. Limits, speeds and accelerations
+are linear as they are, so that every round keeps them. Compiled.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from s3le.kernels.compiled import compiled
+from s3le.kernels.distance import near_pairs, place_capsules
+from s3le.kernels.kinematics import bones, place
+from s3le.plan.interior import improve, warm, warm_rows
+
+MORE = 24  # linearised clearances a frame that there is room for, in the mean
+_LAST = 25  # most iterations after the last linearisation
+_EPS = 1e-7  # share of every limit that is not used, so that no rounding exceeds it
+
+
+class Aim(NamedTuple):
+    """What a motion is to be near to, and what it costs not to be; one entry a frame."""
+
+    wanted: np.ndarray  # [rad], (m, n)
+    x: np.ndarray  # (m, 21), skeleton of the wanted pose; (0, 21): there is none
+    bone: np.ndarray  # (21,), weights of the skeleton's components
+    W: np.ndarray  # (m or 1, n, n), weights of the joints beside it
+
+
+class Custom(NamedTuple):
+    """How planning is done."""
+
+    band: float  # [m], pairs farther than this over the target are left out
+    soft: float  # stiffness of the clearances in the first round, [1/m^2],
+    stiff: float  # and in the last; what lacks e costs half of it times e^2
+    steady: float  # weight of the squared second differences
+    small: float  # product of slack and multiplier at which a solve ends
+    rounds: int  # most linearisations
+    inner: int  # most iterations of each solve
+    fine: float  # [rad], a round that moves no joint farther is the last one
+
+
+@compiled
+def bound(p, m, times, lower, upper, speed, acceleration):
+    """Write the limits of a window into its program.
+
+    Args:
+        p: the program; fixed says which frames count as given.
+        m: frames in use.
+        times: [s], (m,), rising.
+        lower, upper: [rad], (n,).
+        speed: [rad/s], (n,); inf: any.
+        acceleration: [rad/s^2], (n,); inf: any.
+    """
+    n = len(lower)
+    p.coef[:m] = 0.0
+    p.on[:m] = False
+    for t in range(m):
+        p.on[t, 0] = not p.fixed[t]
+        p.coef[t, 0, 1] = 1.0
+        room = 1.0
+        for i in range(n):
+            ease = _EPS * (upper[i] - lower[i])
+            p.low[t, 0, i] = lower[i] + ease
+            p.high[t, 0, i] = upper[i] - ease
+        if t > 0:
+            dt = times[t] - times[t - 1]
+            p.on[t, 1] = not (p.fixed[t] and p.fixed[t - 1])
+            p.coef[t, 1, 0] = -1.0
+            p.coef[t, 1, 1] = 1.0
+            for i in range(n):
+                most = min(speed[i] * dt, 1e3) * (1.0 - _EPS)
+                p.low[t, 1, i] = -most
+                p.high[t, 1, i] = most
+        if 0 < t < m - 1:
+            before, after = times[t] - times[t - 1], times[t + 1] - times[t]
+            room = 0.5 * (before + after)
+            p.on[t, 2] = not (p.fixed[t] and p.fixed[t - 1] and p.fixed[t + 1])
+            p.coef[t, 2, 0] = room / before
+            p.coef[t, 2, 1] = -room / before - room / after
+            p.coef[t, 2, 2] = room / after
+            for i in range(n):
+                most = min(acceleration[i] * room * room, 1e3) * (1.0 - _EPS)
+                p.low[t, 2, i] = -most
+                p.high[t, 2, i] = most
+
+
+@compiled
+def _add(p, t, count, d, G, need, share):
+    """Rows for the pairs found, at a share of the way from frame t to the next.
+
+    Pairs for which there is no room are left to the proof, which looks at all of them.
+    """
+    n = G.shape[1]
+    k = p.count[0]
+    for j in range(count):
+        if k >= len(p.frame):
+            return
+        p.frame[k] = t
+        for i in range(n):
+            p.row[k, 0, i] = (1.0 - share) * G[j, i]
+            p.row[k, 1, i] = share * G[j, i]
+        p.need[k] = need - d[j]
+        k += 1
+    p.count[0] = k
+
+
+@compiled
+def linearise(chain, balls, p, m, aim, target, between, custom):
+    """Skeleton and clearances at p.q into H, g and the rows.
+
+    Args:
+        chain, balls: the robot and distance.reach(chain).
+        p, m: the program and its frames in use.
+        aim: an Aim of these frames.
+        target: clearance to aim at [m], (m,).
+        between: (m,), share of the way to the next frame at which the path is to keep it too; 0:
+            none.
+        custom: a Custom.
+    """
+    n = p.q.shape[1]
+    R = np.empty((n + 1, 3, 3))
+    at = np.empty((n + 1, 3))
+    z = np.empty((n, 3))
+    ends = np.empty((len(chain.body_frame), 3, 3))
+    x = np.empty(21)
+    J = np.empty((21, n))
+    d = np.empty(len(chain.pair))
+    G = np.empty((len(chain.pair), n))
+    middle = np.empty(n)
+    p.count[0] = 0
+    for t in range(m):
+        if not p.fixed[t]:
+            W = aim.W[min(t, len(aim.W) - 1)]
+            for i in range(n):
+                p.g[t, i] = 0.0
+                for j in range(n):
+                    p.H[t, i, j] = W[i, j]
+                    p.g[t, i] += W[i, j] * (p.q[t, j] - aim.wanted[t, j])
+            place(chain, p.q[t], R, at, z)
+            if len(aim.x) > 0:
+                bones(chain, R, at, z, x, J)
+                for k in range(21):
+                    off = aim.bone[k] * (x[k] - aim.x[t, k])
+                    for i in range(n):
+                        p.g[t, i] += J[k, i] * off
+                        c = aim.bone[k] * J[k, i]
+                        if c != 0.0:
+                            for j in range(n):
+                                p.H[t, i, j] += c * J[k, j]
+            place_capsules(chain, R, at, ends)
+            found = near_pairs(chain, ends, balls, at, z, target[t] + custom.band, d, G)
+            _add(p, t, found, d, G, target[t], 0.0)
+        if between[t] > 0.0 and t + 1 < m and not (p.fixed[t] and p.fixed[t + 1]):
+            share = between[t]
+            for i in range(n):
+                middle[i] = (1.0 - share) * p.q[t, i] + share * p.q[t + 1, i]
+            place(chain, middle, R, at, z)
+            place_capsules(chain, R, at, ends)
+            found = near_pairs(chain, ends, balls, at, z, target[t] + custom.band, d, G)
+            _add(p, t, found, d, G, target[t], share)
+
+
+@compiled
+def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
+    """Find the nearest motion in a window.
+
+    Args:
+        chain, balls: the robot and distance.reach(chain).
+        p: the program, after `bound`; q is where it begins and receives the motion.
+        m: frames in use.
+        aim: an Aim of these frames.
+        target, between: see linearise.
+        custom: a Custom.
+        anew: begin without the multipliers of an earlier call.
+        out: receives [rounds, iterations, most that the last round moved a joint [rad]].
+    """
+    before = np.empty((m, p.q.shape[1]))
+    out[:] = 0.0
+    mu = 1e-5
+    stiff = custom.stiff
+    for turn in range(custom.rounds):
+        before[:] = p.q[:m]
+        linearise(chain, balls, p, m, aim, target, between, custom)
+        first = anew and turn == 0
+        stiff = custom.soft * 4.0**turn if anew else custom.stiff
+        stiff = min(stiff, custom.stiff)
+        mu = 1e-2 if first else min(max(mu, 1e-7), 1e-3)
+        warm(p, m, mu, 0.05 if first else 1e-4, first)
+        warm_rows(p, mu, stiff)
+        mu, done = improve(p, m, stiff, custom.steady, custom.small, custom.inner)
+        out[0] += 1.0
+        out[1] += done
+        most = 0.0
+        for t in range(m):
+            for i in range(p.q.shape[1]):
+                far = abs(p.q[t, i] - before[t, i])
+                if not far < np.inf:
+                    return False
+                most = max(most, far)
+        out[2] = most
+        if most < custom.fine and stiff == custom.stiff:
+            break
+    # A restart moves slacks off their walls; limits are kept when the last step is a whole one.
+    mu, done = improve(p, m, stiff, custom.steady, custom.small, _LAST)
+    out[1] += done
+    return np.isfinite(p.q[:m]).all()

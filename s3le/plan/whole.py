@@ -1,0 +1,339 @@
+"""Whole motions: wanted joint positions over time to the nearest certified motion.
+
+    planner = Planner(machine, limits(machine))
+    made = planner.plan(times, wanted)                   # nearest in the joints
+    made = planner.plan(times, wanted, skeleton=True)    # nearest in what a person sees
+
+What holds already comes back to the bit. Else the rows around what does not are planned anew, all
+of them at once, as near to what is wanted as limits, speeds, accelerations and clearances allow
+(s3le/plan/rounds.py); then every pose is measured and every path proven. Where that fails, those
+rows are planned again with more room; and at last the robot is driven past the place step by step,
+each step proven (s3le/plan/drive.py). What comes out holds, or nothing does.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from s3le.errors import CertificateError, ParameterError
+from s3le.kernels import batch
+from s3le.plan import causal, chase, limits, pursue, rounds, weights
+from s3le.plan.drive import drive, examine
+from s3le.plan.interior import program
+from s3le.plan.limits import Limits
+from s3le.plan.settings import Settings, bounds
+from s3le.retarget.refine import AGREEMENT
+from s3le.robot.robot import Robot
+from s3le.safety import segment
+from s3le.safety.swept import swept
+from s3le.skeleton import DIM
+
+WANTED, PLANNED, DRIVEN = range(3)  # where a row comes from
+_SPARE = 0.1  # share of speed and acceleration that the first guess leaves
+_MORE = 0.001  # [m], that a pose or path which failed is asked to keep beyond what it lacked
+
+
+class Plan(NamedTuple):
+    """A motion that holds, one entry a row."""
+
+    q: np.ndarray  # [rad], (m, n)
+    how: np.ndarray  # uint8 (m,): WANTED (to the bit), PLANNED, DRIVEN
+    clearance: np.ndarray  # [m], (m,), of the pose
+    bound: np.ndarray  # [m], (m,), proven of the path from the row before; of row 0 its pose's
+
+
+class Planner:
+    """Plans motions of one robot, one at a time; holds scratch: one per thread."""
+
+    def __init__(
+        self, robot: Robot, most: Limits | None = None, settings: Settings | None = None
+    ) -> None:
+        """Make what does not depend on the motion.
+
+        Args:
+            robot: the robot.
+            most: what each joint may do; None: limits.limits(machine).
+            settings: see there.
+
+        Raises:
+            ParameterError: the clearances of the settings do not fit the robot's margin.
+        """
+        self.robot, self.settings = robot, settings or Settings()
+        self.most = limits.limits(robot) if most is None else most
+        self._care, self._rule = self.settings.care(robot), self.settings.rule(robot)
+        self._custom, self._bounds = self.settings.custom(), bounds(self.most)
+        self._swept = swept(robot.chain)
+        self._scratch = segment.scratch(robot.chain)
+        self._program = program(0, robot.n_dof, 0)
+        self._certifier = robot.certifier()
+        self._joints = weights.of_joints(robot)
+
+    def plan(
+        self,
+        times: np.ndarray,
+        wanted: np.ndarray,
+        *,
+        skeleton: bool = False,
+        weight: np.ndarray | None = None,
+        bone: np.ndarray | None = None,
+    ) -> Plan:
+        """The nearest motion that holds.
+
+        Args:
+            times: of the rows [s], (m,), rising by 1e-6 s and more.
+            wanted: [rad], (m, n), finite; it need not be feasible in any way.
+            skeleton: near means near in the seven bones of the wanted pose; False: in the joints.
+            weight: of the joints, (n, n) or one a row (m, n, n), positive definite. None:
+                weights.of_joints, or, beside the skeleton, weights.RIDGE for each.
+            bone: of the skeleton's components, (21,); None: weights.of_bones.
+
+        Raises:
+            ParameterError: an argument has another shape or is not finite.
+            CertificateError: no motion was found that holds; says which row does not.
+        """
+        n = self.robot.n_dof
+        times, wanted = limits.motion(times, wanted, n)
+        aim = self._aim(times, wanted, skeleton, weight, bone)
+        job = _Job(self, times, wanted, aim)
+        job.measure(0, len(times))
+        if (first := job.broken()).any():
+            for start, stop in _runs(first, job.reach, len(times)):
+                job.around(start, stop)
+            job.repair()
+            left = job.broken()
+            if left.any():
+                row = int(np.argmax(left))
+                raise CertificateError(
+                    f"no motion was found that holds at row {row} ({times[row]:.4f} s): "
+                    + job.why(row)
+                )
+        if self.settings.check:
+            self._certifier.require(job.q, self.robot.margin)
+        same = (job.q == wanted).all(axis=1)
+        how = np.where(same, WANTED, np.where(job.driven, DRIVEN, PLANNED)).astype(np.uint8)
+        return Plan(job.q, how, job.clearance, job.bound)
+
+    def warm_up(self) -> None:
+        """Compile what a motion needs, or read it from the store, so that none waits for it.
+
+        The first time after an installation this takes minutes.
+        """
+        anchor, times = self.robot.anchor, np.arange(24) / 30.0
+        wanted = np.tile(anchor, (24, 1))
+        wanted[12] += 0.5
+        for skeleton in (False, True):
+            job = _Job(self, times, wanted, self._aim(times, wanted, skeleton, None, None))
+            job.around(0, 24)
+            job.past(1)
+
+    def _aim(self, times, wanted, skeleton, weight, bone) -> rounds.Aim:
+        n = wanted.shape[1]
+        if weight is None:
+            weight = weights.RIDGE * np.eye(n) if skeleton else self._joints
+        weight = np.ascontiguousarray(weight, float)
+        weight = weight[None] if weight.ndim == 2 else weight
+        if weight.shape not in ((1, n, n), (len(times), n, n)) or not np.isfinite(weight).all():
+            raise ParameterError(
+                f"weights must be finite, ({n}, {n}) or one a row, got {weight.shape}"
+            )
+        bone = weights.of_bones(self.robot) if bone is None else np.asarray(bone, float)
+        if bone.shape != (DIM,) or not (np.isfinite(bone) & (bone >= 0.0)).all():
+            raise ParameterError(f"bones need {DIM} finite weights of at least 0")
+        x = np.zeros((0, DIM))
+        if skeleton:
+            inside = np.clip(wanted, self.most.lower, self.most.upper)
+            x = np.empty((len(wanted), DIM))
+            batch._skeletons(self.robot.chain, inside, x)
+        return rounds.Aim(wanted, x, bone, weight)
+
+
+class _Job:
+    """One motion on its way from what is wanted to what holds."""
+
+    def __init__(self, planner: Planner, times: np.ndarray, wanted: np.ndarray, aim) -> None:
+        self.its, self.times, self.wanted, self.aim = planner, times, wanted, aim
+        m = len(times)
+        self.q = wanted.copy()
+        self.clearance, self.bound = np.full(m, np.nan), np.full(m, np.nan)
+        self.proven, self.where = np.zeros(m, np.bool_), np.zeros(m)
+        self.driven = np.zeros(m, np.bool_)
+        step = float(np.median(np.diff(times))) if m > 1 else 1.0
+        self.reach = int(np.clip(np.ceil(planner.settings.horizon / step - 1e-6), 4, 10_000))
+
+    def measure(self, first: int, last: int) -> None:
+        """Clearances of rows first to last - 1, and proofs of the paths that end there."""
+        its = self.its
+        examine(
+            its.robot.chain, its._swept, its._scratch, self.q, its._care, first, last,
+            self.clearance, self.proven, self.where, self.bound,
+        )  # fmt: skip
+        # As near to the margin as two engines may differ, the independent one has the word.
+        part = slice(first, last)
+        margin = its.robot.margin
+        near = first + np.flatnonzero(np.abs(self.clearance[part] - margin) < AGREEMENT)
+        for row in near:
+            found = its._certifier.one(self.q[row])[0]
+            self.clearance[row] = (
+                max(found, margin) if found >= margin else min(found, np.nextafter(margin, 0.0))
+            )
+
+    def close(self, first: int, last: int) -> np.ndarray:
+        """Rows whose pose is too close or whose path is not proven, bool."""
+        part = slice(first, last)
+        return ~(self.clearance[part] >= self.its.robot.margin) | ~self.proven[part]
+
+    def broken(self) -> np.ndarray:
+        """Rows that do not hold; of a path both ends."""
+        bad = self.close(0, len(self.q))
+        bad[:-1] |= ~self.proven[1:]
+        return bad | limits.broken(self.times, self.q, self.its.most)
+
+    def why(self, row: int) -> str:
+        if not self.clearance[row] >= self.its.robot.margin:
+            return f"its pose keeps {self.clearance[row] * 1e3:.3f} mm"
+        if not self.proven[row] or not self.proven[min(row + 1, len(self.q) - 1)]:
+            return "a path there is not proven"
+        return "limits, speed or acceleration are exceeded"
+
+    def around(self, start: int, stop: int) -> None:
+        """Plan rows start to stop - 1 anew; more of them where they cannot rejoin in time."""
+        m, reach = len(self.q), self.reach
+        window = max(self.its.settings.window, 4 * reach)
+        while True:
+            if start < 2:
+                start = 0
+            if stop > m - 2:
+                stop = m
+            if stop - start <= window:
+                if self._window(start, stop, joins=stop < m) or stop == m:
+                    return
+                stop += 2 * reach
+                continue
+            self._window(start, start + window, joins=False)
+            # What lies beyond is planned with the rows after it; until then it is as wanted.
+            kept = start + window - 2 * reach
+            self.q[kept : start + window] = self.wanted[kept : start + window]
+            start = kept
+
+    def _window(self, start: int, stop: int, joins: bool) -> bool:
+        """Plan a window; True where its limits hold, and those where it joins the rows after."""
+        its = self.its
+        before, after = 2 if start else 0, 2 if joins else 0
+        rows = slice(start - before, stop + after)
+        times, m = self.times[rows], stop - start + before + after
+        if len(its._program.q) < m:
+            n = its.robot.n_dof
+            size = max(m, its.settings.window + 4)
+            its._program = program(size, n, size * rounds.MORE)
+        p = its._program
+        p.fixed[:m] = False
+        p.fixed[:before] = True
+        p.fixed[m - after : m] = True
+        kept = self.q[rows].copy()
+        p.q[:m] = self._guess(times, self.wanted[rows], kept, before, after)
+        most = its.most
+        rounds.bound(p, m, times, most.lower, most.upper, most.speed, most.acceleration)
+        x, W = self.aim.x, self.aim.W
+        aim = rounds.Aim(
+            self.wanted[rows], x[rows] if len(x) else x, self.aim.bone,
+            W[rows] if len(W) > 1 else W,
+        )  # fmt: skip
+        target = np.full(m, its.settings.target)
+        between, out = np.zeros(m), np.zeros(3)
+        own = slice(start, min(stop + 1, len(self.q)))
+        chain, balls = its.robot.chain, its._swept.balls
+        again = its._custom._replace(rounds=max(its._custom.rounds // 2, 1))
+        for turn in range(its.settings.repairs + 1):
+            good = rounds.settle_window(
+                chain, balls, p, m, aim, target, between, again if turn else its._custom,
+                turn == 0, out,
+            )  # fmt: skip
+            if not good or limits.broken(times, p.q[:m], most).any():
+                if turn:
+                    return True  # what was found before stays
+                self.q[rows] = (
+                    kept if joins else self._guess(times, self.wanted[rows], kept, before, 0)
+                )
+                self.measure(own.start, own.stop)
+                return not joins
+            self.q[rows] = p.q[:m]
+            self.measure(own.start, own.stop)
+            bad = np.flatnonzero(self.close(own.start, own.stop))
+            if not len(bad) or turn == its.settings.repairs:
+                return True
+            for row in bad + own.start:
+                at = row - (start - before)
+                lack = max(its.robot.margin - self.clearance[row], 0.0)
+                target[max(at - 1, 0) : at + 2] += min(lack, 0.01) + _MORE
+                if not self.proven[row]:
+                    between[at - 1] = min(max(self.where[row], 0.1), 0.9)
+        return True
+
+    def _guess(self, times, wanted, kept, before: int, after: int) -> np.ndarray:
+        """A motion within the limits: the means of two chases, one told backwards, (m, n)."""
+        most, spare = self.its.most, _SPARE
+        arguments = most.lower, most.upper, most.speed, most.acceleration, spare
+        ahead, back = kept.copy(), kept[::-1].copy()
+        chase.chase(times, wanted, *arguments, before, ahead)
+        if not before and not after:
+            chase.chase(times[::-1].copy(), wanted[::-1].copy(), *arguments, 0, back)
+            return 0.5 * (ahead + back[::-1])
+        if not after:
+            return ahead
+        chase.chase(times[::-1].copy(), wanted[::-1].copy(), *arguments, 2, back)
+        back = back[::-1]
+        ramp = np.linspace(0.0, 1.0, len(times))[:, None] if before else 0.5
+        guess = (1.0 - ramp) * ahead + ramp * back
+        guess[:before] = kept[:before]
+        guess[len(kept) - after :] = kept[len(kept) - after :]
+        return guess
+
+    def repair(self) -> None:
+        """Drive the robot past what is not proven yet, each step proven."""
+        done = 0
+        while (bad := self.close(0, len(self.q))[done:]).any():
+            last = self.past(done + int(np.argmax(bad)))
+            if last < done:
+                return  # no further
+            done = last + 1
+
+    def past(self, row: int) -> int:
+        """Drive the robot past a row until it is on the plan again; the last row that changed."""
+        its, m = self.its, len(self.q)
+        chain = its.robot.chain
+        first, out = max(row - 1, 0), np.zeros(2)
+        while first > 0 and not causal.safe(
+            chain, its._swept, its._scratch, self.q[first - 1], self.q[first],
+            self.times[first] - self.times[first - 1], its._bounds, its._care, out,
+        ):  # fmt: skip
+            first -= 1
+        planned = self.q.copy()
+        if first == 0 and not self.clearance[0] >= its.robot.margin + AGREEMENT:
+            anchor = its.robot.anchor
+            self.q[0] = batch.project(chain, anchor, self.q[:1], its._care.target).q[0]
+        x = self.aim.x
+        if len(x):
+            x = np.empty_like(x)
+            batch._skeletons(chain, planned, x)
+        how, bound = np.zeros(m, np.int64), np.zeros(m)
+        last = drive(
+            chain, its._swept, its._scratch, pursue.memory(its._joints), self.times, planned,
+            x, self.aim.bone, self.aim.W, np.zeros((0, self.q.shape[1])),
+            its.robot.anchor, its._rule, its._bounds, its._care, first, row, self.q, how,
+            bound,
+        )  # fmt: skip
+        self.driven[first + (first > 0) : last + 1] = True
+        self.measure(first, min(last + 2, m))
+        return last
+
+
+def _runs(bad: np.ndarray, reach: int, m: int) -> list[tuple[int, int]]:
+    """Stretches of rows around the bad ones, not touching one another."""
+    found: list[tuple[int, int]] = []
+    for row in np.flatnonzero(bad).tolist():
+        start, stop = max(row - reach, 0), min(row + reach + 1, m)
+        if found and start <= found[-1][1] + 4:
+            found[-1] = found[-1][0], stop
+        else:
+            found.append((start, stop))
+    return found
