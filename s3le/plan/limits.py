@@ -98,7 +98,7 @@ def broken(times: np.ndarray, q: np.ndarray, most: Limits) -> np.ndarray:
 
     A step that is too fast marks both its rows, an acceleration that is too high all three.
     """
-    bad: np.ndarray = ~((q >= most.lower) & (q <= most.upper)).all(axis=1)
+    bad = np.logical_not(((q >= most.lower) & (q <= most.upper)).all(axis=1))
     fast = ~(np.abs(speeds(times, q)) <= most.speed * (1.0 + ROUNDING)).all(axis=1)
     bad[:-1] |= fast
     bad[1:] |= fast
