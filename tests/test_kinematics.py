@@ -227,10 +227,13 @@ def test_stored_machine_code_is_keyed_by_the_text_of_every_kernel(tmp_path, monk
         shutil.copytree(compiled._HERE.parent / room, tmp_path / room)
     monkeypatch.setattr(compiled, "_HERE", tmp_path / "kernels")
     assert compiled.key() in where
-    for edited_file in ("kernels/solver.py", "safety/segment.py", "retarget/guard.py"):
+    for edited_file in (
+        "kernels/solver.py", "safety/segment.py", "retarget/guard.py", "plan/rounds.py",
+    ):  # fmt: skip
         text = (tmp_path / edited_file).read_text()
         (tmp_path / edited_file).write_text(text + "# edited\n")
         assert compiled.key() not in where
         (tmp_path / edited_file).write_text(text)
-    (tmp_path / "retarget" / "live.py").write_text("")  # holds nothing that is compiled
+    for driver in ("retarget/live.py", "plan/whole.py"):  # hold nothing that is compiled
+        (tmp_path / driver).write_text("")
     assert compiled.key() in where
