@@ -1,6 +1,6 @@
 """What planning is worth: whole files and streams of human motion, held to limits in time.
 
-    python benchmarks/planning.py [CLIPS] [--robot data/robots/coman.yaml] [--acceleration 60]
+    python benchmarks/planning.py [CLIPS] [--robot s3le/robots/coman.yaml] [--acceleration 60]
 
 CLIPS is a folder of CMU's originals, SS/SS_TT.amc.gz beside SS/SS.asf; the subjects named by
 --subjects are taken. *wanted*: the pose that refinement finds for each frame, no limit in time.
@@ -50,7 +50,7 @@ class Clip(NamedTuple):
 
 def main(
     clips: Annotated[Path, typer.Argument(help="folder of clips")] = Path("../shared/mocap/cmu"),
-    robot: Annotated[Path, typer.Option(help="robot file")] = Path("data/robots/coman.yaml"),
+    robot: Annotated[Path, typer.Option(help="robot file")] = Path("s3le/robots/coman.yaml"),
     subjects: Annotated[str, typer.Option(help="CMU subjects")] = "14,17,29",
     acceleration: Annotated[float, typer.Option(help="limit [rad/s^2]")] = 60.0,
 ) -> None:

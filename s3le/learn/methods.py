@@ -43,7 +43,7 @@ ENTRIES = {
 
 POOLS = {"pairs": _PAIRS, "poses": _POSES, "all": _ALL}  # what can be stored, and is compared
 
-PROPOSERS = {  # what a retargeter can be exported with (s3le/retarget/folder.py)
+PROPOSERS = {  # what a retargeter can be exported with (s3le/retarget/exported.py)
     "s3le": "S3LE",
     "lwl2": "LWL2",
     "ale": "ALE",
