@@ -43,7 +43,9 @@ def refuse(path: Path | str, joints: np.ndarray, points: np.ndarray, axes: str, 
     hips = hips[np.isfinite(hips).all(axis=1)]
     x, y, z = np.median(np.abs(hips), axis=0)
     shown = ((hips[:, :2] >= 0.0) & (hips[:, :2] <= 1.0)).all(axis=1).mean() >= SHARE
-    placed = shown and z <= FLAT and max(x, y) >= OFF
+    # Upwards from the ground at the origin, hips are off in height alone.
+    off = max(x, y) if axes == "camera" else x
+    placed = shown and z <= FLAT and off >= OFF
     if inside >= SHARE or placed:
         raise refusal(
             path, None,

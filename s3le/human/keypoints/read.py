@@ -67,7 +67,8 @@ def read_keypoints(path: Path | str, fps: float | None = None, how: How | None =
         raise refusal(path, None, f"not one of {len(points)} frames has all joints{_why(found)}")
     how = how._replace(axes=how.axes or found.axes)
     made = upright.stand(str(path), joints, layout, points, how)
-    picture.refuse(path, joints, points, made.axes, made.unit)
+    if found.axes is None:  # a format that says its axes says metres, too
+        picture.refuse(path, joints, points, made.axes, made.unit)
     rate, points, words = clocks.rate(path, made.points, found.clock, fps)
     told = [*found.told, *told, *made.told, *words]
     clip = make_clip(path, rate, points, gaps=True)
