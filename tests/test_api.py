@@ -13,7 +13,7 @@ from s3le.retarget import stored
 
 PAGE = (Path(__file__).parents[1] / "docs" / "api.md").read_text(encoding="utf-8")
 SIGNATURES = re.findall(r"`([A-Za-z_.]+)\(([^`]*)\)`", PAGE.replace("\n", " "))
-WRITTEN = {name: words for name, words in SIGNATURES if not name.startswith("s3le.")}
+WRITTEN = dict(reversed(SIGNATURES))  # the first of a name is its signature, others are calls
 
 
 def in_words(given) -> str:
