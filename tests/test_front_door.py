@@ -11,6 +11,7 @@ import tomllib
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 from handmade import write
 from ruamel.yaml import YAML
@@ -26,6 +27,8 @@ from s3le.retarget import exported, stored
 from s3le.retarget.settings import Settings
 from s3le.robot import known
 from s3le.robot.robot import Robot
+from s3le.safety import segment
+from s3le.safety.paths import certify
 from s3le.store import cache
 
 ROOT = Path(__file__).parents[1]
@@ -391,6 +394,23 @@ def test_processes_that_compile_take_turns_in_writing(tmp_path, monkeypatch):
     waiting.join(10)
     assert done == [("key", "data")]
     assert batch._project._cache._cache_file.save.__qualname__.startswith("_in_turn")
+
+
+def test_poses_of_a_file_are_no_reason_to_compile_anew():
+    """Arrays that a file gives are read-only, which is another type to numba: 15 seconds."""
+    doors = (batch._skeletons, batch._clearances, segment.prove_rows)
+    q = np.stack([coman().anchor, coman().anchor])
+
+    def through():
+        batch.skeletons(coman().chain, q)
+        batch.clearances(coman().chain, q)
+        certify(coman(), q, 0.0005)
+
+    through()
+    before = [len(door.signatures) for door in doors]
+    q.setflags(write=False)
+    through()
+    assert [len(door.signatures) for door in doors] == before
 
 
 # --- the wheel

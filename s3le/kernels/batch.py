@@ -146,8 +146,8 @@ def follow(
     Raises:
         ParameterError: x or starts have another shape.
     """
-    starts = np.ascontiguousarray(starts, float)
-    x = np.ascontiguousarray(x, float)
+    starts = np.require(starts, float, ["C", "W"])
+    x = np.require(x, float, ["C", "W"])
     if x.ndim != 2 or x.shape[1] != 21:
         raise ParameterError(f"skeletons must have shape (n, 21), got {x.shape}")
     n_dof = len(chain.parent)
@@ -169,8 +169,11 @@ def follow(
 
 
 def _poses(chain: Chain, q: np.ndarray) -> np.ndarray:
-    """The poses as the kernels want them; they would read beyond rows of another length."""
-    q = np.ascontiguousarray(q, float)
+    """The poses as the kernels want them; they would read beyond rows of another length.
+
+    Read-only ones, as a file gives them, are copied: for them kernels would be compiled anew.
+    """
+    q = np.require(q, float, ["C", "W"])
     if q.ndim != 2 or q.shape[1] != len(chain.parent):
         raise ParameterError(f"poses must have shape (n, {len(chain.parent)}), got {q.shape}")
     return q

@@ -64,7 +64,7 @@ def certify(
     """
     _check(robot, margin_between, budget)
     chain = robot.chain
-    q = np.ascontiguousarray(q, float)
+    q = np.require(q, float, ["C", "W"])  # one that is read-only would be compiled for anew
     if q.ndim != 2 or q.shape[1] != len(chain.parent) or not len(q):
         raise ParameterError(
             f"a trajectory must have shape (n, {len(chain.parent)}) with n at least 1, "
