@@ -9,6 +9,7 @@ from handmade import amc, asf, bvh, deepmimic, write
 from worlds import coman
 
 from s3le.errors import CertificateError, ClipError, ParameterError
+from s3le.human.keypoints.how import How
 from s3le.human.skeletons import read_frames, skeletons
 from s3le.motion import files
 from s3le.retarget import clip
@@ -86,7 +87,7 @@ def test_frames_that_cannot_be_used_leave_a_gap_in_time(tmp_path):
 def test_a_clip_without_a_usable_frame_is_refused_with_the_cause(tmp_path):
     path = write(tmp_path / "lies.bvh", waving(5, broken=range(5)))
     with pytest.raises(ClipError, match=r"lies.bvh: not one of 5 frames can be used \(\w+ 5\)"):
-        read_frames(path, "midpoint")
+        read_frames(path, "midpoint", how=How(axes="y-up"))
 
 
 def test_another_rate_is_resampled_as_in_the_pipeline(wave):

@@ -518,7 +518,7 @@ def test_letters_that_the_font_lacks_are_printed_in_latin():
         lines = style.wrapped(NAME, width, 9.0, bold=True).split("\n")
         assert "".join(lines) == style.printable(NAME)
         assert all(style.wide(one, 9.0, bold=True) <= width or len(one) == 1 for one in lines)
-    assert style.wrapped("two words", 0.5, 9.0) == "two\nwords"
+    assert style.wrapped("two words", 0.4, 9.0) == "two\nwords"
 
 
 # A glyph that is missing is a warning, and a warning an error here.

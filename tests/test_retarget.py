@@ -165,7 +165,7 @@ def test_a_pose_that_the_independent_check_refuses_is_in_no_motion(monkeypatch, 
 
     def seen(self, q):
         clearance, limit_margin = check(self, q)
-        calls.append(q)
+        calls.append(q.copy())
         if len(calls) != 4:
             return clearance, limit_margin
         return (value, limit_margin) if name == "clearance" else (clearance, value)

@@ -19,7 +19,7 @@ from s3le.human.origin import about_clip
 from s3le.show import motions, pace
 
 ROOT = Path(__file__).parents[1]
-ROBOT = ["--robot", str(ROOT / "data" / "robots" / "coman.yaml")]
+ROBOT = ["--robot", str(ROOT / "s3le" / "robots" / "coman.yaml")]
 
 
 def run(*words):
