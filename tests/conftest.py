@@ -12,7 +12,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--mutants",
         type=int,
-        default=300,
+        default=100,
         help="broken files that are sent through each reader, e.g. 10000",
     )
 
