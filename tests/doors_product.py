@@ -222,7 +222,8 @@ def _params_owe(it: Reading) -> None:
 
 def _parameters() -> list[Files]:
     whole = (Path(__file__).parents[1] / "params.yaml").read_bytes()
-    short = b"seed: 7\nneck: joint\nmargin: 2e-3\nrobot: coman\nprojection: nearest\nskeletons:\n  rate: 30\n"
+    short = b"seed: 7\nneck: joint\nmargin: 2e-3\nrobot: coman\nprojection: nearest\n"
+    short += b"skeletons:\n  rate: 30\n"
     short += b"  tilt_max: 60.0\n  domain_rows: 100\n  noise: .03\n"
     short += b"pair:\n  rows: 8\n  ridge: 1e-3\n"
     return [{"params.yaml": short}, {"params.yaml": short}, {"params.yaml": whole}]
