@@ -178,7 +178,7 @@ def test_metrics_are_what_a_dvc_user_expects(project):
     ("break_it", "stage", "words"),
     [
         (lambda p: set_params(p, {"alpha": -1.0}), "sample", "alpha must be float in [0, 10]"),
-        (lambda p: set_params(p, {"robot": "comann"}), "robot", "comann.yaml"),
+        (lambda p: set_params(p, {"robot": "comann"}), "robot", "no robot 'comann'"),
         (lambda p: set_params(p, {"clips": "none"}), "clips", "none"),
         (
             lambda p: (p / "data/clips/mine/test/swing_2.txt").write_text('{"Frames": [[1'),
