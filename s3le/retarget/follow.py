@@ -7,13 +7,12 @@ import numpy as np
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.retarget.stream import Mode, Step
+from s3le.retarget.stream import SHORTEST, Mode, Step
 from s3le.robot.robot import Robot
 from s3le.skeleton import DIM
 from s3le.types import Progress
 
 LONGEST_LEAD_IN = 600.0  # [s]
-SHORTEST_STEP = 1e-6  # [s], in less time nothing moves
 
 
 class Streams(Protocol):
@@ -150,8 +149,6 @@ def _motion(x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         raise ParameterError(
             f"a motion needs skeletons (n, {DIM}) and n times, got {x.shape} and {times.shape}"
         )
-    if not np.isfinite(times).all() or not (np.diff(times) >= SHORTEST_STEP).all():
-        raise ParameterError(
-            f"the times of a motion must rise by {SHORTEST_STEP:g} s and more a row"
-        )
+    if not np.isfinite(times).all() or not (np.diff(times) >= SHORTEST).all():
+        raise ParameterError(f"the times of a motion must rise by {SHORTEST:g} s and more a row")
     return x, times
