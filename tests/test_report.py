@@ -521,6 +521,17 @@ def test_letters_that_the_font_lacks_are_printed_in_latin():
     assert style.wrapped("two words", 0.4, 9.0) == "two\nwords"
 
 
+def test_a_figure_drawn_before_does_not_change_how_wide_words_are():
+    style._advance.cache_clear()
+    before = style.wide("two words", 9.0)
+    style._advance.cache_clear()
+    style.wide("t", 9.0)
+    small = style.figure(2.0, 1.0)
+    small.text(0.5, 0.5, "other", size=5)
+    small.canvas.draw()
+    assert style.wide("two words", 9.0) == before
+
+
 # A glyph that is missing is a warning, and a warning an error here.
 @pytest.mark.parametrize("name", [NAME, "舞" * 30], ids=["mixed", "Chinese"])
 def test_figures_print_names_of_any_script_and_do_not_cut_them(tmp_path, coman, monkeypatch, name):

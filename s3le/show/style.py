@@ -176,9 +176,10 @@ class _Advance(dict[str, float]):
     def __init__(self, weight: str):
         face = FontProperties(family=_SHEET["font.family"], weight=weight)
         self._font = get_font(findfont(face))
-        self._font.set_size(1000.0, 72)
 
     def __missing__(self, letter: str) -> float:
+        # Matplotlib hands this font to everybody who draws: its size is theirs after each figure.
+        self._font.set_size(1000.0, 72)
         self[letter] = self._font.load_char(ord(letter)).linearHoriAdvance / 65536.0 / 1000.0
         return self[letter]
 
