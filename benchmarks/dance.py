@@ -2,15 +2,14 @@
 
     python benchmarks/dance.py CLIP... [--folder data/retargeter] [--samples 8]
 
-Every clip is followed at 30 Hz as a stream: within the robot's joint speeds, and once more as if
-it had none. Then somebody else looks: coal measures the convex hulls of the robot's meshes, which
+Every clip is followed at 30 Hz within the robot's limits in time: planned as a whole, and as a
+stream. Then somebody else looks: coal measures the convex hulls of the robot's meshes, which
 know nothing of capsules, over every pair of links but neighbours, watched or not, at the frames
 and at `--samples` poses between any two of them. The robot file must name hulls
 (`s3le robot new --hulls`). *above 3 pi*: frames in which a joint turns faster than 3 pi rad/s, as
 other retargeters are measured; *too fast*: faster than its own limit. Nothing is asserted.
 """
 
-import time
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -22,13 +21,13 @@ from tuple_cost import one_core
 from s3le.human.skeletons import ClipFrames, read_frames
 from s3le.kernels import batch
 from s3le.retarget import Retargeter
-from s3le.retarget.stream import Mode
+from s3le.retarget import follow as whole
+from s3le.retarget.rows import Mode
 from s3le.robot.hulls import HullCheck
 from s3le.skeleton import cosine_distance
 
 RATE = 30.0  # [Hz]
 FAST = 3.0 * np.pi  # [rad/s]
-NO_LIMIT = 1e3  # [rad/s]
 DEEP = 0.01  # [m], from where on others count an arm as inside the body
 
 
@@ -50,8 +49,6 @@ def main(
 ) -> None:
     """Print the tables."""
     limited = Retargeter.load(folder)
-    free = Retargeter.load(folder, {"brake": 0.0})
-    free.speed = np.full_like(limited.speed, NO_LIMIT)
     robot = limited.robot
     hulls = HullCheck(robot)
     found = [read_frames(clip, robot.neck, rate=RATE) for clip in clips]
@@ -62,13 +59,13 @@ def main(
     )
     print(
         f"{'':26}{'frames':>7}{'to human':>10}{'before guard':>14}{'us':>6}{'p99':>7}"
-        f"{'above 3 pi':>12}{'too fast':>10}{'limited':>9}{'held':>7}{'hulls overlap':>15}"
+        f"{'above 3 pi':>12}{'too fast':>10}{'limited':>9}{'braked':>7}{'hulls overlap':>15}"
         f"{'over 1 cm':>11}"
     )
     every = []
-    for title, it in (("within its speeds", limited), ("without speed limits", free)):
+    for title, ahead in (("planned as a whole", True), ("as a stream", False)):
         print(f"{title}:")
-        runs = [follow(it, hulls, frames, samples) for frames in found]
+        runs = [follow(limited, hulls, frames, samples, ahead) for frames in found]
         for frames, run in zip(found, runs, strict=True):
             say(frames.name, run, limited.speed)
         both = Run(*(np.concatenate(part) for part in zip(*runs, strict=True)))
@@ -78,19 +75,14 @@ def main(
     whose(hulls, np.concatenate(every))
 
 
-def follow(it: Retargeter, hulls: HullCheck, frames: ClipFrames, samples: int) -> Run:
+def follow(it: Retargeter, hulls: HullCheck, frames: ClipFrames, samples: int, ahead: bool) -> Run:
     """Follow a clip, then measure the hulls."""
     chain, robot = it.robot.chain, it.robot
     x = robot.seen(frames.x)
-    stream, steps, micros = it.start(), [], []
-    before = frames.time - np.concatenate([[1.0 / RATE], frames.time[:-1]])
-    before[0] = 1.0 / RATE
+    before = np.diff(frames.time, prepend=frames.time[0] - 1.0 / RATE)
     with one_core():
-        for row, dt in zip(x, before, strict=True):
-            began = time.perf_counter_ns()
-            steps.append(stream.step(row, dt))
-            micros.append((time.perf_counter_ns() - began) / 1e3)
-    q = np.array([step.q for step in steps])
+        made = whole.follow(it, x, frames.time, fps=RATE, look_ahead=ahead)
+    q = made.q
     speed = np.abs(np.diff(q, axis=0, prepend=q[:1])) / before[:, None]
     apart = np.empty((len(q), len(hulls.pairs)))
     shares = np.arange(1, samples + 2)[:, None] / (samples + 1)
@@ -100,8 +92,7 @@ def follow(it: Retargeter, hulls: HullCheck, frames: ClipFrames, samples: int) -
         apart[i] = hulls.distances(path).min(axis=0)
     return Run(
         cosine_distance(batch.skeletons(chain, q), x, robot.followed),
-        np.array([step.wanted for step in steps]), np.array([step.mode for step in steps]),
-        np.array(micros), speed, apart,
+        made.wanted, made.mode, made.seconds * 1e6, speed, apart,
     )  # fmt: skip
 
 
@@ -113,8 +104,8 @@ def say(name: str, run: Run, limit: np.ndarray) -> None:
         f"{np.median(run.micros):6.0f}{np.quantile(run.micros, 0.99):7.0f}"
         f"{(run.speed > FAST).any(axis=1).mean():12.1%}"
         f"{(run.speed > limit * (1.0 + 1e-6)).any(axis=1).mean():10.1%}"
-        f"{np.isin(run.mode, (Mode.LIMITED, Mode.EASED)).mean():9.1%}"
-        f"{(run.mode == Mode.HELD).mean():7.1%}{(deepest < 0.0).mean():15.1%}"
+        f"{np.isin(run.mode, (Mode.LIMITED, Mode.PLANNED)).mean():9.1%}"
+        f"{np.isin(run.mode, (Mode.HELD, Mode.BRAKED)).mean():7.1%}{(deepest < 0.0).mean():15.1%}"
         f"{(deepest < -DEEP).mean():11.1%}",
         flush=True,
     )

@@ -6,9 +6,8 @@
 
 The frames are those of data/skeletons.parquet that are not of a training clip, played over and
 over at 30 Hz. One core. Parts are timed by themselves on the same frames; the whole is
-Stream.step as a robot would call it. *Look-up and certificate* goes straight for the nearest of
-the poses looked up, as it is stored, as far as speeds and proof let, and holds where there is no
-proof. Nothing is asserted; times are those of this machine.
+Stream.step as a robot would call it. *Look-up and certified step* goes for the nearest of the poses
+looked up, as it is stored. Nothing is asserted; times are those of this machine.
 """
 
 import time
@@ -28,9 +27,9 @@ from s3le.human import splits
 from s3le.human.tables import SKELETONS
 from s3le.kernels import batch
 from s3le.report import records
-from s3le.retarget import guard, propose
-from s3le.retarget.stream import Mode, Retargeter
-from s3le.safety import segment
+from s3le.retarget import propose
+from s3le.retarget.rows import Mode
+from s3le.retarget.stream import Retargeter
 from s3le.search import neighbours
 from s3le.store import documents, tables
 
@@ -101,25 +100,17 @@ def method_of(folder: Path) -> str:
 
 
 def looked_up(it: Retargeter, x: np.ndarray) -> Callable[[int], object]:
-    """Go straight for the nearest of the stored poses looked up, as far as speeds and proof let."""
-    robot = it.robot
-    chain, checker = robot.chain, robot.certifier()
-    q, v, to, out = (np.zeros(n) for n in (*[robot.n_dof] * 3, 8))
-    scratch = segment.scratch(chain)
+    """The certified step towards the nearest of the stored poses looked up."""
+    chain, walkers = it.robot.chain, []
 
     def step(i: int) -> None:
         wanted = x[i % len(x)]
         found = it.propose(wanted)
         goal = found[np.argmax(batch.skeletons(chain, found) @ wanted)]
         if i % len(x) == 0:
-            q[:], v[:] = goal, 0.0
-        elif guard.straight(
-            chain, it.swept, scratch, q, v, goal, DT, it.speed, it.brake, it.rule, to, out
-        ) and checker.one(to)[0] >= robot.margin:  # fmt: skip
-            v[:] = (to - q) / DT
-            q[:] = to
+            walkers[:] = [it.walker(goal)]
         else:
-            v[:] = 0.0
+            walkers[0].step(goal, DT, found)
 
     return step
 
@@ -137,27 +128,32 @@ def by_skeleton(it: Retargeter) -> Retargeter:
 def parts(it: Retargeter, x: np.ndarray) -> dict[str, Callable[[int], object]]:
     """What the whole is made of, each as a function of the frame's number."""
     robot, proposer = it.robot, it._proposer
-    chain, checker = robot.chain, robot.certifier()
-    memory, scratch = guard.memory(robot.n_dof), segment.scratch(chain)
+    checker, n = robot.certifier(), len(x)
     starts = [it.propose(row) for row in x]
+    want, out = np.zeros((n, robot.n_dof)), np.zeros(3)
+    walkers: list = []
 
-    def kernel(i: int) -> None:
-        if i % len(x) == 0:
-            memory.flag[:] = 0
-        guard.frame(
-            chain, it.swept, scratch, memory, x[i % len(x)], starts[i % len(x)],
-            robot.anchor, DT, it.speed, it.brake, it.rule,
-        )  # fmt: skip
-        if memory.flag[guard.WARM]:
-            memory.v[:] = (memory.next - memory.q) / DT
-        memory.flag[guard.WARM] = 1
-        memory.q[:], memory.last[:] = memory.next, memory.want
+    def refine(i: int) -> None:
+        i %= n
+        last = want[max(i - 1, 0)]
+        want[i] = last
+        it.refine(x[i], starts[i], last, last, i > 0, want[i], out)
 
+    def step(i: int) -> None:
+        i %= n
+        if i == 0:
+            walkers[:] = [it.walker(want[0])]
+        else:
+            walkers[0].step(want[i], DT, starts[i])
+
+    for i in range(n):
+        refine(i)
     found = {}
     if getattr(proposer, "_encoder", None):
         found["encoder"] = lambda i: proposer._encoder(x[i % len(x)])
     found["propose (encoder and search)"] = lambda i: it.propose(x[i % len(x)])
-    found["refine and guard"] = kernel
+    found["refine"] = refine
+    found["certified step, coal included"] = step
     found["coal, one pose"] = lambda i: checker.one(starts[i % len(x)][0])
     return found
 

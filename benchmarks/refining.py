@@ -2,11 +2,11 @@
 
     python benchmarks/refining.py [--skeletons data/skeletons.parquet] [--optimum 120]
 
-Every motion of the table that was not trained on is played as a stream at its own rate. *before*:
-the pose wanted; *after*: where the robot gets, no joint faster than it may, every pose and path
-certified. The optimum of a frame is the best feasible pose that another solver (tests/reference.py:
-pinocchio, coal, daqp) reaches from the poses looked up and from random feasible ones, 22 in all; it
-is sought for frames that are drawn with a seed. CMU's: dvc exp run -S clips=cmu skeletons.
+Every motion of the table that was not trained on is planned as a whole, and played as a stream, at
+its own rate. *before*: the pose wanted; *after*: where the robot gets, within all limits in time,
+every pose and path certified. The optimum of a frame is the best feasible pose that another solver
+(tests/reference.py: pinocchio, coal, daqp) reaches from the poses looked up and from random feasible
+ones, 22 in all; it is sought for frames that are drawn with a seed. CMU's: dvc exp run -S clips=cmu skeletons.
 """
 
 import sys
@@ -32,8 +32,7 @@ from s3le.study import followed  # noqa: E402
 from s3le.tuples import sampling  # noqa: E402
 
 STARTS = 22  # of the other solver, for each frame
-SLOWED = ("limited", "eased")
-BRAKES = (0.0, 60.0, 120.0, 240.0)  # [rad/s^2]; 0: none
+SHOWN = ("planned", "limited", "detour", "shortened", "braked")
 
 
 def main(
@@ -50,22 +49,16 @@ def main(
     print(
         f"{own.robot.name}, {len(set(clips))} motions, {len(x)} frames; mean cosine "
         f"distance to the human\n{'':32}{'before':>8}{'after':>8}{'p99':>8}{'jerk':>7}"
-        f"{'limited':>9}{'braked':>8}{'around':>8}{'short':>7}{'held':>6}"
+        + "".join(f"{mode:>10}" for mode in SHOWN)
     )
-    kept = None
+    wanted, kept = _wanted(own, clips, times, x), np.empty(0)
     for refine in (False, True):
-        for brake in BRAKES:
-            it = Retargeter.load(folder, {"brake": brake, "check": False})
-            q, mode = followed.follow(it.robot, it, clips, times, x, refine)
-            wanted = _wanted(it, clips, times, x) if refine else None
-            _say(it, refine, brake, wanted, q, mode, clips, times, x)
-            if refine and brake == own.settings.brake:
-                kept = wanted, q
+        for ahead in (True, False):
+            q, mode = followed.follow(own.robot, own, clips, times, x, refine, look_ahead=ahead)
+            _say(own, refine, ahead, wanted if refine else None, q, mode, clips, times, x)
+            kept = q
     if optimum:
-        if kept is None:
-            q, _ = followed.follow(own.robot, own, clips, times, x, True)
-            kept = _wanted(own, clips, times, x), q
-        _to_optimum(own, x, *kept, min(optimum, len(x)), seed)
+        _to_optimum(own, x, wanted, kept, min(optimum, len(x)), seed)
 
 
 def _wanted(it: Retargeter, clips: np.ndarray, times: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -77,11 +70,11 @@ def _wanted(it: Retargeter, clips: np.ndarray, times: np.ndarray, x: np.ndarray)
         if first:
             following.reset()
         following.step(row, 1.0 / 30.0 if first else times[i] - times[i - 1])
-        found[i] = following._memory.last
+        found[i] = following.wanted
     return found
 
 
-def _say(it, refine, brake, wanted, q, mode, clips, times, x) -> None:
+def _say(it, refine, ahead, wanted, q, mode, clips, times, x) -> None:
     chain = it.robot.chain
     after = cosine_distance(batch.skeletons(chain, q), x)
     third = []
@@ -95,14 +88,11 @@ def _say(it, refine, brake, wanted, q, mode, clips, times, x) -> None:
         ])  # fmt: skip
     else:
         before = cosine_distance(batch.skeletons(chain, wanted), x).mean()
-    name = f"{'refined' if refine else 'look-up alone'}, " + (
-        f"brake {brake:g} rad/s^2" if brake else "any change of speed"
-    )
-    shares = [np.mean(mode == m) for m in ("limited", "eased", "detour", "shortened", "held")]
+    name = f"{'refined' if refine else 'look-up alone'}, " + ("file" if ahead else "stream")
+    shares = "".join(f"{np.mean(mode == one):10.1%}" for one in SHOWN)
     print(
         f"{name:32}{before:8.4f}{after.mean():8.4f}{np.quantile(after, 0.99):8.3f}"
-        f"{np.mean(third):7.0f}{shares[0]:9.1%}{shares[1]:8.1%}{shares[2]:8.1%}{shares[3]:7.1%}"
-        f"{shares[4]:6.1%}",
+        f"{np.mean(third):7.0f}{shares}",
         flush=True,
     )
 

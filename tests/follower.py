@@ -10,8 +10,11 @@ import numpy as np
 from worlds import coman
 
 from s3le.kernels import batch
+from s3le.plan.limits import limits
 from s3le.retarget import stored
-from s3le.retarget.stream import Mode, Retargeter, Step
+from s3le.retarget.follow import frame_by_frame
+from s3le.retarget.rows import Mode
+from s3le.retarget.stream import Retargeter, Step
 from s3le.robot.robot import Robot
 from s3le.safety.paths import CERTIFIED, certify
 
@@ -32,12 +35,16 @@ class Plain:
     def __init__(self, robot: Robot | None = None, margin_between: float = 0.0005) -> None:
         self.robot = robot or coman()
         self.settings = SimpleNamespace(between=margin_between)
-        self.speed = np.array([joint.velocity for joint in self.robot.joints])
+        self.most = limits(self.robot)
+        self.speed = self.most.speed
         self._q = None
 
     def start(self, q=None, check=None):
         self._q = None if q is None else np.array(q, float)
         return self
+
+    def plan(self, x, dt, start=None, progress=None):
+        return frame_by_frame(self, x, dt, start, progress)
 
     def step(self, x, dt):
         robot = self.robot

@@ -16,8 +16,8 @@ from s3le.search import neighbours
 
 BETWEEN = 0.0005  # [m]
 DEFAULT = Settings(
-    k=4, iterations=6, target=0.004, between=BETWEEN, ridge=1e-3, pull=0.3, toll=0.003,
-    speed_factor=1.0, brake=60.0, cutoff=0.0, quickness=1.0, delay=False, check=True,
+    k=4, iterations=6, target=0.004, between=BETWEEN, ridge=1e-3, toll=0.003,
+    speed_factor=1.0, cutoff=0.0, quickness=1.0, delay=False, check=True,
 )  # fmt: skip
 SPEED = 4.0  # [rad/s], COMAN's
 AGREEMENT = 1e-7  # [m], of kernels and coal (test_distance.py)

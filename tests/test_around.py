@@ -6,7 +6,7 @@ import numpy as np
 from streaming import AGREEMENT, BETWEEN, DEFAULT, stored
 from worlds import MARGIN, coman
 
-from s3le.retarget import around
+from s3le.plan import around
 from s3le.safety import segment
 from s3le.safety.judge import Judge
 from s3le.safety.paths import COLLIDES, certify
@@ -33,7 +33,7 @@ def seek(q, want, starts, turn):
     way = np.full((2, made.n_dof), np.nan)
     left = around.seek(
         made.chain, swept(made.chain), segment.scratch(made.chain), q, want, starts,
-        made.anchor, DEFAULT.rule(made), turn, way,
+        made.anchor, DEFAULT.planning().care(made), turn, way,
     )  # fmt: skip
     return left, way
 

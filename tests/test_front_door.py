@@ -374,7 +374,7 @@ def test_kernels_are_kept_where_it_can_be_written(tmp_path, monkeypatch):
 
 def test_kernels_that_cannot_be_kept_are_compiled_all_the_same():
     code = ("from s3le.kernels import compiled\n"
-            "assert not compiled.kept() and not compiled.stored('guard.frame')\n"
+            "assert not compiled.kept() and not compiled.stored('pursue.pursue')\n"
             "print(compiled.compiled(lambda x: 2 * x)(21))")  # fmt: skip
     said = python(code, NUMBA_CACHE_DIR="/dev/null/none", XDG_CACHE_HOME="/dev/null/none")
     assert said.returncode == 0 and said.stdout == "42\n", said.stderr

@@ -56,7 +56,7 @@ def hpp(rooms):
 
 def scripts(rooms):
     """Streams without end: motions through the body and hostile input, by two retargeters."""
-    its = retargeter(), retargeter(target=MARGIN, brake=0.0, check=False)
+    its = retargeter(), retargeter(target=MARGIN, check=False)
     for number in range(10_000):
         it, kind = its[number // 2 % 2], ("random", "adversarial")[number % 2]
         yield it, rooms.streams.draw(kind, it, np.random.default_rng([7, number]))
@@ -292,7 +292,7 @@ def court(rooms, monkeypatch):
     def make(folder=None, source=None):
         made = object.__new__(of_its_own)
         made.folder, made.source = Path(folder or "."), Path(source or ".")
-        made.plain, made.close = retargeter(), retargeter(target=MARGIN, brake=0.0, check=False)
+        made.plain, made.close = retargeter(), retargeter(target=MARGIN, check=False)
         made.clips, made.digest = [(30.0, stored()[1][:200])], "clips"
         promise = rooms.judging.promise_of(made.plain)
         made.coal = rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman()))

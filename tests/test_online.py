@@ -1,7 +1,5 @@
 """Certified motions in the comparison: what a stream gives, motion by motion, or nothing."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from streaming import held_to_its_word, motion, retargeter, stored
@@ -9,7 +7,8 @@ from worlds import MARGIN, coman
 
 from s3le.errors import BundleError, CertificateError
 from s3le.kernels import batch
-from s3le.retarget.stream import Mode, Retargeter, Step
+from s3le.retarget.rows import Mode, Rows
+from s3le.retarget.stream import Retargeter
 from s3le.skeleton import cosine_distance
 from s3le.study import followed
 from s3le.study.tables import MODES
@@ -42,14 +41,15 @@ def test_every_motion_starts_at_its_own_first_pose_and_all_of_it_is_certified(fr
         held_to_its_word(q[own], np.diff(times[own]), SPEED, judged=1)
 
 
-def test_refined_it_is_what_a_stream_gives(frames, both):
+def test_frame_by_frame_it_is_what_a_stream_gives(frames):
     clips, times, x = frames
     own = clips == "c"
+    q, mode = followed.follow(coman(), retargeter(), *frames, True, look_ahead=False)
     stream = retargeter().start()
     steps = np.concatenate([[1 / 30], np.diff(times[own])])
     rows = [stream.step(*frame) for frame in zip(x[own], steps, strict=True)]
-    np.testing.assert_array_equal(both[1][0][own], [row.q for row in rows])
-    assert both[1][1][own].tolist() == [row.mode for row in rows]
+    np.testing.assert_array_equal(q[own], [row.q for row in rows])
+    assert mode[own].tolist() == [row.mode for row in rows]
 
 
 def test_the_look_up_alone_goes_for_stored_poses(frames, both):
@@ -68,9 +68,7 @@ def test_the_look_up_alone_goes_for_stored_poses(frames, both):
 def test_given_time_the_look_up_alone_is_where_it_wants_to_be(frames):
     _, _, x = frames
     slow = (np.repeat("a", 8), np.arange(8.0), x[:64:8])
-    calm = replace(retargeter().settings, brake=0.0)
-    it = Retargeter(coman(), retargeter(), calm)
-    q, mode = followed.follow(coman(), it, *slow, False)
+    q, mode = followed.follow(coman(), retargeter(), *slow, False)
     poses, skeletons = stored()
     nearest = cosine_distance(skeletons[None], slow[2][:, None]).argmin(axis=1)
     arrived = mode == "lookup"
@@ -79,12 +77,11 @@ def test_given_time_the_look_up_alone_is_where_it_wants_to_be(frames):
 
 
 class Liar(Retargeter):
-    """Streams that go straight from one stored pose to another and call it certified."""
+    """Goes straight from one stored pose to another and calls it certified."""
 
-    def start(self, q=None):
-        rows = iter(stored()[0])
-        return type("Stream", (), {"step": lambda _, x, dt: Step(
-            next(rows), Mode.REFINED, MARGIN, MARGIN, 0.0, 0.0)})()  # fmt: skip
+    def plan(self, x, dt, start=None, progress=None):
+        words = np.full(len(x), Mode.REFINED, object)
+        return Rows(stored()[0][: len(x)], words, *np.full((5, len(x)), MARGIN))
 
 
 def test_a_motion_that_does_not_hold_is_refused_by_name(frames):

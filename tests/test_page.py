@@ -216,7 +216,7 @@ def segments(collide=12, feasible=235, fast=118, **more):
         "segment_collision_rate": collide / feasible if feasible else None,
         "segment_undecided_rate": 0.0 if feasible else None,
         "segment_uncertified_rate": 0.0625, "segment_too_fast_rate": fast / total,
-        "largest_jump_rad": 3.5141, "limited_rate": 0.2, "eased_rate": 0.03,
+        "largest_jump_rad": 3.5141, "limited_rate": 0.2,
         "avoiding_rate": 0.01, "held_rate": 0.0, "proposed_by": "s3le",
     } | more  # fmt: skip
 

@@ -7,19 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import OneByOne
-from streaming import BETWEEN, DEFAULT, DT, SPEED, held_to_its_word, motion, retargeter, stored
+from streaming import BETWEEN, DT, SPEED, held_to_its_word, motion, retargeter, stored
 from worlds import MARGIN, coman
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
+from s3le.plan import limits
 from s3le.retarget.calm import calm, middle
 from s3le.retarget.follow import follow
-from s3le.retarget.propose import LookUp
 from s3le.retarget.refine import refine
-from s3le.retarget.stream import Mode, Retargeter
+from s3le.retarget.rows import Mode
 from s3le.robot.certificate import Certifier
 from s3le.safety.paths import CERTIFIED, COLLIDES, certify
-from s3le.search import neighbours
+from s3le.safety.swept import swept
 from s3le.skeleton import cosine_distance
 
 # --- safe, whatever comes in
@@ -53,12 +53,12 @@ TIMES = {
         min_size=1,
         max_size=25,
     ),
-    brake=st.sampled_from([0.0, 60.0]),
+    share=st.sampled_from([1.0, 0.2]),
     delay=st.booleans(),
 )
-def test_no_input_leads_to_an_unproven_pose_or_step(seed, script, brake, delay):
+def test_no_input_leads_to_an_unproven_pose_or_step(seed, script, share, delay):
     rng = np.random.default_rng(seed)
-    stream = retargeter(brake=brake, delay=delay, cutoff=1.0).start()
+    stream = retargeter(acceleration_factor=share, delay=delay, cutoff=1.0).start()
     human = motion()
     first = int(rng.integers(len(human)))
     q, dts = [stream.step(human[first], DT).q], []
@@ -74,24 +74,34 @@ def test_no_input_leads_to_an_unproven_pose_or_step(seed, script, brake, delay):
     held_to_its_word(np.array(q), dts, judged=1)
 
 
-@pytest.mark.parametrize("brake", [0.0, 60.0])
-def test_a_motion_through_the_body_is_followed_around_it(brake):
-    human = motion(240, seed=3)
-    found = follow(retargeter(brake=brake), human, np.arange(len(human)) * DT)
+@pytest.mark.parametrize("look_ahead", [False, True])
+def test_a_motion_through_the_body_is_followed_around_it(look_ahead):
+    human, it = motion(240, seed=3), retargeter()
+    found = follow(it, human, np.arange(len(human)) * DT, look_ahead=look_ahead)
     held_to_its_word(found.q, np.full(len(human) - 1, DT), judged=6)
+    assert not limits.broken(found.time, found.q, it.most).any()
     assert (found.bound >= BETWEEN).all()
-    assert {Mode.START, Mode.LIMITED} <= set(found.mode)
+    assert {Mode.START, Mode.PLANNED if look_ahead else Mode.LIMITED} <= set(found.mode)
     assert found.mode[0] == Mode.START
+
+
+def test_a_motion_that_is_known_is_followed_nearer_than_one_that_is_not():
+    human, times = motion(240, seed=1), np.arange(240) * DT
+    far = [
+        follow(retargeter(), human, times, look_ahead=ahead).distance.mean()
+        for ahead in (False, True)
+    ]
+    assert far[1] < 0.5 * far[0]
 
 
 def test_without_the_guard_the_same_motion_breaks_every_promise():
     """Poses as refined, frame by frame: certified each, and not what lies between them."""
     made, human = coman(), motion(240, seed=3)
-    it, q = retargeter(), []
+    balls, it, q = swept(made.chain).balls, retargeter(), []
     memory = np.zeros((2, made.n_dof))
     for i, x in enumerate(human):
         refine(
-            made.chain, it.swept.balls, x, it.propose(x), memory[0], memory[0], i > 0, it.rule,
+            made.chain, balls, x, it.propose(x), memory[0], memory[0], i > 0, it.rule,
             memory[1], np.zeros(3),
         )  # fmt: skip
         memory[0] = memory[1]
@@ -104,18 +114,16 @@ def test_without_the_guard_the_same_motion_breaks_every_promise():
 
 def test_with_no_budget_for_a_proof_it_only_does_what_the_whole_proof_allows():
     """An undecided path is none: without a second look many are, and none of them is gone."""
-    q, x = stored()
-    it = Retargeter(coman(), LookUp(q, neighbours.build(x, exact=True), 4, None), DEFAULT)
-    it.rule = it.rule._replace(budget=0)
+    it = retargeter(budget=0)
     steps, modes = 0, set()
     for seed in (1, 3, 7):
-        found = follow(it, motion(240, seed=seed), np.arange(240) * DT)
+        found = follow(it, motion(240, seed=seed), np.arange(240) * DT, look_ahead=False)
         proven = certify(coman(), found.q, BETWEEN, budget=0)
         assert (proven.status == CERTIFIED).all()
         assert (certify(coman(), found.q, BETWEEN).status == CERTIFIED).all()
         assert (found.bound[1:] >= BETWEEN).all()
         steps, modes = steps + len(proven.status), modes | set(found.mode)
-    assert steps == 717 and {Mode.DETOUR, Mode.SHORTENED} & modes
+    assert steps == 717 and {Mode.BRAKED, Mode.SHORTENED} & modes
 
 
 @pytest.mark.parametrize(
@@ -130,7 +138,7 @@ def test_a_pose_that_only_the_independent_check_refuses_is_not_taken(
 ):
     stream = retargeter().start()
     first = stream.step(motion()[0], DT)
-    monkeypatch.setattr(stream._certifier, "one", lambda q: (clearance, room))
+    monkeypatch.setattr(stream._walker._certifier, "one", lambda q: (clearance, room))
     second = stream.step(motion()[40], DT)
     if taken:
         assert second.mode is not Mode.HELD and (second.q != first.q).any()
@@ -140,42 +148,58 @@ def test_a_pose_that_only_the_independent_check_refuses_is_not_taken(
         assert second.clearance == first.clearance == second.bound
 
 
-@pytest.mark.parametrize(
-    "clearance, room", [(0.0, 0.1), (np.nan, 0.1), (0.1, np.nan), (0.1, -1e-12)]
-)
+def refusing(monkeypatch, clearance, room, row):
+    """Let the independent check say this of one row of whatever it is shown."""
+    check = Certifier.check
+
+    def seen(self, q, progress=None):
+        report = check(self, q, progress)
+        if len(q) <= row:
+            return report
+        report.clearance[row], report.limit_margin[row] = clearance, room
+        return report
+
+    monkeypatch.setattr(Certifier, "check", seen)
+
+
+BAD_REPORTS = [(0.0, 0.1), (0.0019, 0.1), (np.nan, 0.1), (0.1, np.nan), (0.1, -1e-9)]
+
+
+@pytest.mark.parametrize("clearance, room", BAD_REPORTS)
 def test_a_first_pose_that_the_independent_check_refuses_is_none(monkeypatch, clearance, room):
     stream = retargeter().start()
-    monkeypatch.setattr(stream._certifier, "one", lambda q: (clearance, room))
+    refusing(monkeypatch, clearance, room, 0)
     with pytest.raises(CertificateError):
         stream.step(motion()[0], DT)
     assert stream.q is None
 
 
-@pytest.mark.parametrize(
-    "name, value",
-    [
-        ("clearance", np.nan),
-        ("clearance", 0.0019),
-        ("limit_margin", np.nan),
-        ("limit_margin", -1e-9),
-    ],
-)
-def test_a_pose_that_the_independent_check_refuses_is_in_no_motion(monkeypatch, name, value):
-    check, calls = Certifier.one, []
+@pytest.mark.parametrize("clearance, room", BAD_REPORTS)
+def test_of_a_stream_a_pose_that_the_independent_check_refuses_is_not_taken(
+    monkeypatch, clearance, room
+):
+    one, calls = Certifier.one, []
 
     def seen(self, q):
-        clearance, limit_margin = check(self, q)
         calls.append(q.copy())
-        if len(calls) != 4:
-            return clearance, limit_margin
-        return (value, limit_margin) if name == "clearance" else (clearance, value)
+        return (clearance, room) if len(calls) == 4 else one(self, q)
 
     it = retargeter()
     it.start()
     monkeypatch.setattr(Certifier, "one", seen)
-    found = follow(it, motion()[:10], np.arange(10) * DT)
-    assert len(calls) > 4 and found.mode[3] == Mode.HELD
-    assert (found.q[3] == found.q[2]).all() and not (found.q == calls[3]).all(axis=1).any()
+    found = follow(it, motion()[:10], np.arange(10) * DT, look_ahead=False)
+    assert len(calls) > 4 and found.mode[4] in (Mode.BRAKED, Mode.HALTED)
+    assert not (found.q == calls[3]).all(axis=1).any()
+
+
+@pytest.mark.parametrize("clearance, room", BAD_REPORTS)
+def test_a_motion_with_a_pose_that_the_independent_check_refuses_is_none(
+    monkeypatch, clearance, room
+):
+    it = retargeter()
+    refusing(monkeypatch, clearance, room, 6)
+    with pytest.raises(CertificateError):
+        follow(it, motion()[:10], np.arange(10) * DT)
 
 
 # --- near the human
@@ -190,7 +214,7 @@ def test_refining_comes_near_the_best_there_is_and_never_falls_behind_the_look_u
     last, q, out, apart = np.zeros(11), np.zeros(11), np.zeros(3), []
     for row in x:
         proposed = it.propose(row)
-        refine(made.chain, it.swept.balls, row, proposed, last, last, False, it.rule, q, out)
+        it.refine(row, proposed, last, last, False, q, out)
         assert out[0] <= out[1] < np.inf
         mine = batch.skeletons(made.chain, q[None])
         best = batch.skeletons(made.chain, other.optimum(row, starts)[None])
@@ -210,14 +234,13 @@ def test_a_still_human_is_reached_and_then_nothing_moves():
 # --- calm
 
 
-def test_the_brake_bounds_the_change_of_speed_where_nothing_is_in_the_way():
-    stream = retargeter(brake=20.0).start()
-    x = motion()
-    rows = [stream.step(x[i // 10 * 10], DT) for i in range(60)]
-    change = np.abs(np.diff([row.q for row in rows], n=2, axis=0)) / DT**2
-    free = [row.mode in (Mode.REFINED, Mode.EASED, Mode.LIMITED) for row in rows[2:]]
-    assert sum(free) > 50
-    assert (change[free] <= 20.0 * 1.001).all()  # [rad/s^2]
+@pytest.mark.parametrize("look_ahead", [False, True])
+def test_no_joint_changes_its_speed_faster_than_it_may(look_ahead):
+    it, x = retargeter(acceleration_factor=1.0 / 3.0), motion()
+    human = np.array([x[i // 10 * 10] for i in range(60)])
+    found = follow(it, human, np.arange(60) * DT, look_ahead=look_ahead)
+    change = np.abs(np.diff(found.q, n=2, axis=0)) / DT**2
+    assert 19.0 < change.max() <= 20.0 * (1 + 1e-9)  # [rad/s^2]
 
 
 def test_one_odd_frame_goes_unseen_with_a_frame_of_delay():
@@ -264,29 +287,45 @@ def test_a_motion_is_followed_as_a_stream_would():
     x = motion()[:40].copy()
     x[7] = np.nan
     times = np.cumsum(np.full(40, DT))
-    found, stream = follow(retargeter(), x, times), retargeter().start()
+    found = follow(retargeter(), x, times, look_ahead=False)
+    stream = retargeter().start()
     for i in range(40):
         step = stream.step(x[i], times[i] - times[i - 1] if i else DT)
         assert (step.q == found.q[i]).all() and step.mode == found.mode[i]
     assert found.mode[7] == Mode.DROPPED
 
 
-def test_a_motion_may_begin_with_frames_that_cannot_be_used():
+@pytest.mark.parametrize("look_ahead", [False, True])
+def test_a_motion_may_begin_with_frames_that_cannot_be_used(look_ahead):
     x = motion()[:10].copy()
     x[:3] = np.nan
-    found = follow(retargeter(), x, np.arange(10) * DT)
+    found = follow(retargeter(), x, np.arange(10) * DT, look_ahead=look_ahead)
     assert (found.mode[:3] == Mode.DROPPED).all() and found.mode[3] == Mode.START
     assert (found.q[:3] == found.q[3]).all()
 
 
-def test_a_lead_in_goes_from_the_given_pose_to_the_first_frame():
-    x, anchor = motion()[:20], coman().anchor
-    found = follow(retargeter(), x, np.arange(20) * DT, start=anchor, lead_in=1.0)
+@pytest.mark.parametrize("look_ahead", [False, True])
+def test_a_lead_in_goes_from_the_given_pose_to_the_first_frame(look_ahead):
+    x, anchor, it = motion()[:20], coman().anchor, retargeter()
+    times = np.arange(20) * DT
+    found = follow(it, x, times, start=anchor, lead_in=1.0, look_ahead=look_ahead)
     assert len(found.q) == 51 and found.time[0] == 0.0 and found.clip_from == 31
     assert found.offset == pytest.approx(31 * DT)
     assert found.mode[0] == Mode.START and set(found.mode[1:31]) == {Mode.LEAD_IN}
     assert (found.q[0] == anchor).all()
     held_to_its_word(found.q, np.full(50, DT))
+    from_rest = np.concatenate([[anchor], found.q])
+    assert not limits.broken(np.arange(52) * DT, from_rest, it.most).any()
+
+
+def test_the_lead_in_is_no_frame_to_the_bar():
+    told = []
+    for look_ahead in (False, True):
+        follow(
+            retargeter(), motion()[:20], np.arange(20) * DT, lead_in=0.5, look_ahead=look_ahead,
+            progress=told.append,
+        )  # fmt: skip
+    assert sum(told) == 40
 
 
 def test_streams_do_not_disturb_each_other():

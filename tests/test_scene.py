@@ -32,7 +32,7 @@ def moving(folder, rows=30, name="walk", about=None, modes=True):
     q = np.repeat(robot.anchor[None], rows, 0)
     q[:, 3] += 0.3 * np.sin(np.arange(rows) / 10)
     mode = np.full(rows, "refined", "U8")
-    mode[5:9], mode[12:14] = "held", "eased"
+    mode[5:9], mode[12:14] = "held", "planned"
     time = np.arange(rows) / 30
     made = trajectory.make(
         name, robot.joint_names, time, q, mode=mode if modes else None, about=about

@@ -45,7 +45,7 @@ class Court:
         if not self.folder.is_dir():
             raise BundleError(f"{folder} is missing; write it with: dvc repro export")
         self.plain = Retargeter.load(self.folder)
-        close = {"target": self.plain.robot.margin, "brake": 0.0, "check": False}
+        close = {"target": self.plain.robot.margin, "check": False}
         self.close = Retargeter.load(self.folder, close)
         self.clips = read_clips(self.source, self.plain.robot.neck)
         digest = hashlib.sha256()

@@ -188,7 +188,7 @@ def drive(retargeter: Retargeter, script: Script) -> Steps:
     """
     stream, rows, refused = retargeter.start(script.start), [], 0
     for i, (x, dt) in enumerate(script.frames):
-        q0, free0 = stream.q, wanted(stream)
+        q0, free0 = stream.q, stream.wanted
         try:
             made = stream.step(x, dt)
         except ParameterError:  # documented: neither a usable frame nor a pose yet
@@ -197,19 +197,13 @@ def drive(retargeter: Retargeter, script: Script) -> Steps:
             refused += 1
             continue
         if q0 is None:  # nothing leads to the first pose
-            q0, free0, dt = made.q, wanted(stream), 1.0
-        rows.append((q0, made.q, dt, made.mode, i, free0, wanted(stream)))
+            q0, free0, dt = made.q, stream.wanted, 1.0
+        rows.append((q0, made.q, dt, made.mode, i, free0, stream.wanted))
     if not rows:
         n_dof = retargeter.robot.n_dof
         none = np.empty((0, n_dof))
         return Steps(none, none, *np.empty((3, 0)), none, none, refused)
     return Steps(*map(np.array, zip(*rows, strict=True)), refused)
-
-
-def wanted(stream) -> np.ndarray:
-    """The pose that the guard was asked for last [rad], (n_dof,): the answer without a guard."""
-    memory = stream._memory  # the only look behind the door: nothing at the door tells it
-    return memory.last.copy()
 
 
 def shares(mode: np.ndarray) -> dict[str, int]:

@@ -144,7 +144,7 @@ def retargeter(model: Path | None, method: str | None, given: str | None) -> Mea
             f"the skeleton itself: {stored.folder(it)}"
         )
         return Meant(made, {"model": None} | stored.about(it), line)
-    if Path(model).is_dir() and not compiled.stored("guard.frame"):
+    if Path(model).is_dir() and not compiled.stored("pursue.pursue"):
         typer.echo(f"compiling kernels, {_ONCE}: about a minute", err=True)
     made = Retargeter.load(model, method=method)
     own = made.robot

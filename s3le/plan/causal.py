@@ -15,10 +15,10 @@ import numpy as np
 from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import near_pairs, place_capsules
 from s3le.kernels.kinematics import bones, place
+from s3le.kernels.poses import AGREEMENT, inside
 from s3le.kernels.qp import SOLVED, inverse_factor, solve
 from s3le.kernels.solver import clearance_of
 from s3le.plan.chase import fastest, speeds
-from s3le.retarget.refine import AGREEMENT, inside
 from s3le.safety.segment import CERTIFIED, prove
 
 WANTED, LIMITED, SHORTENED, BRAKED, HELD = range(5)  # how a step came about

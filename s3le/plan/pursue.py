@@ -5,7 +5,7 @@ end, or bodies in the way of each other, and the wanted pose on the other side. 
 angles are far off, both ways are tried out in thought for half a second, as if what is wanted
 stood still: downhill, and straight for the angles. The robot takes the one on which it is nearer,
 and where bodies block it, goes by a pose or two from which the way is proven
-(s3le/retarget/around.py).
+(s3le/plan/around.py).
 """
 
 from typing import NamedTuple
@@ -14,10 +14,10 @@ import numpy as np
 
 from s3le.kernels.compiled import compiled
 from s3le.kernels.kinematics import bones, place
+from s3le.kernels.poses import apart
+from s3le.plan.around import TRIES, seek
 from s3le.plan.causal import SHORTENED, WANTED, Care, advance, search
 from s3le.plan.chase import fastest, speeds
-from s3le.retarget.around import TRIES, seek
-from s3le.retarget.refine import apart
 from s3le.safety.segment import CERTIFIED, prove
 
 AROUND = 5  # how a step came about, beside those of s3le/plan/causal.py: by a pose to go around by
@@ -103,7 +103,7 @@ def ahead(chain, balls, q, v, dt, bounds, care, want, x, bone, W, direct):
 @compiled
 def pursue(
     chain, swept, s, memory, q, v, before, dt, bounds, care, want, x, bone, W, starts,
-    anchor, rule, to, out,
+    anchor, to, out,
 ):  # fmt: skip
     """One step; arguments and result as of causal.advance, or AROUND; and these.
 
@@ -111,11 +111,10 @@ def pursue(
         memory: a Memory, moved on.
         starts: further poses to go around by [rad], (k, n).
         anchor: a pose that is clear of everything [rad], (n,).
-        rule: a kernels.refine.Rule; margin, between and budget are read.
     """
     nothing = np.empty(0)
     if memory.flag[LEFT]:
-        if prove(chain, swept, s, q, want, rule.between, rule.budget)[0] == CERTIFIED:
+        if prove(chain, swept, s, q, want, care.between, care.budget)[0] == CERTIFIED:
             memory.flag[LEFT] = 0
             memory.flag[MODE] = 1
         while memory.flag[LEFT]:
@@ -162,7 +161,7 @@ def pursue(
     if far > _CLOSE and apart(q, to) < _STILL and (direct or how >= SHORTENED):
         # Bodies are in the way.
         memory.flag[LEFT] = seek(
-            chain, swept, s, q, want, starts, anchor, rule, memory.flag[TURN], memory.way
+            chain, swept, s, q, want, starts, anchor, care, memory.flag[TURN], memory.way
         )
         memory.flag[TURN] += TRIES
     return how

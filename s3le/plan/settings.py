@@ -8,7 +8,6 @@ from s3le.errors import ParameterError
 from s3le.plan.causal import Bounds, Care
 from s3le.plan.limits import Limits
 from s3le.plan.rounds import Custom
-from s3le.retarget import refine
 from s3le.robot.robot import Robot
 from s3le.safety.paths import BUDGET
 
@@ -98,13 +97,6 @@ class Settings:
             target=float(self.target), margin=float(robot.margin), between=float(self.between),
             band=float(self.band), steps=int(self.search), budget=int(self.budget),
             lead=float(self.lead),
-        )  # fmt: skip
-
-    def rule(self, robot: Robot) -> refine.Rule:
-        """What the search for a way around reads."""
-        return refine.Rule(
-            target=float(self.target), margin=float(robot.margin), between=float(self.between),
-            ridge=1.0, pull=1.0, toll=0.0, steps=1, budget=int(self.budget),
         )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """Streams: one wanted pose after another to certified steps, without looking ahead.
 
-    walker = Walker(machine, limits(machine), q=where_the_robot_is)
+    walker = Walker(robot, limits(robot), q=where_the_robot_is)
     step = walker.step(wanted, dt)
 
 Every step is within limits, speed and acceleration, its pose keeps the margin, and its path is
@@ -14,6 +14,7 @@ import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
+from s3le.kernels.solver import clearance_of
 from s3le.plan import causal, limits, pursue, weights
 from s3le.plan.limits import SHORTEST, Limits
 from s3le.plan.settings import Settings, bounds
@@ -38,6 +39,7 @@ class Step(NamedTuple):
 
     q: np.ndarray  # [rad], (n,), where to be when the step is over
     how: str  # how it came about, one of HOW
+    clearance: float  # [m], of the pose
     bound: float  # [m], proven clearance of the path that leads there
     certified: bool  # within all limits and proven; False only where it had to stand still at once
 
@@ -59,7 +61,7 @@ class Walker:
         """Put the robot where it is.
 
         Args:
-            machine, most, settings: see whole.Planner.
+            robot, most, settings: see whole.Planner.
             q: where the robot stands [rad], (n,).
             skeleton: see whole.Planner.plan.
             weight: of the joints, (n, n). None: weights.of_joints, or, beside the skeleton,
@@ -73,7 +75,7 @@ class Walker:
         self.robot, self.settings = robot, settings or Settings()
         self.most = limits.limits(robot) if most is None else most
         n = robot.n_dof
-        self._care, self._rule = self.settings.care(robot), self.settings.rule(robot)
+        self._care = self.settings.care(robot)
         self._bounds, self._swept = bounds(self.most), swept(robot.chain)
         self._scratch, self._certifier = segment.scratch(robot.chain), robot.certifier()
         joints = weights.of_joints(robot)
@@ -99,6 +101,11 @@ class Walker:
     def q(self) -> np.ndarray:
         """Where the robot is [rad], (n,)."""
         return self._q.copy()
+
+    @property
+    def clearance(self) -> float:
+        """Clearance of the pose where it is [m]."""
+        return self._clearance
 
     @property
     def v(self) -> np.ndarray:
@@ -128,7 +135,7 @@ class Walker:
         except (TypeError, ValueError, OverflowError):
             raise ParameterError(f"dt must be a number, got {dt!r}") from None
         if not dt >= SHORTEST:  # catches NaN
-            return Step(self.q, "held", self._clearance, True)
+            return Step(self.q, "held", self._clearance, self._clearance, True)
         before = dt if np.isnan(self._before) else self._before
         to, out = np.empty(n), np.zeros(2)
         chain = self.robot.chain
@@ -138,18 +145,29 @@ class Walker:
             how = pursue.pursue(
                 chain, self._swept, self._scratch, self._memory, self._q, self._v, before, dt,
                 self._bounds, self._care, wanted, self._seen(wanted), self._bone, self._W, starts,
-                self.robot.anchor, self._rule, to, out,
+                self.robot.anchor, to, out,
             )  # fmt: skip
-        if self.settings.check and how != causal.HELD:
-            measured, room = self._certifier.one(to)
-            if not (measured >= self.robot.margin and room >= 0.0):
-                # The two engines disagree: then it is no, and what was proven before is driven.
-                how = self._brake(before, dt, to, out)
+        if how != causal.HELD and not self._measured(to):
+            # The two engines disagree: then it is no, and what was proven before is driven.
+            how = self._brake(before, dt, to, out)
+            if how != causal.HELD and not self._measured(to):
+                how = self._stand(to, out)
         certified = how != causal.HELD or not self._v.any()
         self._v[:] = (to - self._q) / dt
         self._q[:] = to
         self._before = dt
-        return Step(self.q, HOW[how], float(out[0]), certified)
+        return Step(self.q, HOW[how], self._clearance, float(out[0]), certified)
+
+    def _measured(self, to: np.ndarray) -> bool:
+        """Does a pose hold by the independent check, if it is asked? Notes its clearance."""
+        if not self.settings.check:
+            self._clearance = float(clearance_of(self.robot.chain, self._swept.balls, to))
+            return True
+        measured, room = self._certifier.one(to)
+        if not (measured >= self.robot.margin and room >= 0.0):  # catches NaN
+            return False
+        self._clearance = measured
+        return True
 
     def _brake(self, before: float, dt: float, to: np.ndarray, out: np.ndarray) -> int:
         mean = 0.5 * (before + dt)
@@ -159,8 +177,11 @@ class Walker:
             self._care, out,
         ):  # fmt: skip
             return causal.BRAKED
+        return self._stand(to, out)
+
+    def _stand(self, to: np.ndarray, out: np.ndarray) -> int:
         to[:] = self._q
-        out[0] = self._clearance = float(self._certifier.one(self._q)[0])
+        out[0] = self._clearance
         return causal.HELD
 
     def _seen(self, wanted: np.ndarray) -> np.ndarray:

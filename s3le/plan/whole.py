@@ -8,7 +8,7 @@ What holds already comes back to the bit. Else the rows around what does not are
 of them at once, as near to what is wanted as limits, speeds, accelerations and clearances allow
 (s3le/plan/rounds.py); then every pose is measured and every path proven. Where that fails, those
 rows are planned again with more room; and at last the robot is driven past the place step by step,
-each step proven (s3le/plan/drive.py). What comes out holds, or nothing does.
+each step proven (s3le/plan/pursue.py). What comes out holds, or nothing does.
 """
 
 from typing import NamedTuple
@@ -17,16 +17,17 @@ import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
+from s3le.kernels.poses import AGREEMENT
 from s3le.plan import causal, chase, limits, pursue, rounds, weights
-from s3le.plan.drive import drive, examine
+from s3le.plan.examine import examine
 from s3le.plan.interior import program
 from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings, bounds
-from s3le.retarget.refine import AGREEMENT
 from s3le.robot.robot import Robot
 from s3le.safety import segment
 from s3le.safety.swept import swept
 from s3le.skeleton import DIM
+from s3le.types import Progress
 
 WANTED, PLANNED, DRIVEN = range(3)  # where a row comes from
 _SPARE = 0.1  # share of speed and acceleration that the first guess leaves
@@ -60,7 +61,7 @@ class Planner:
         """
         self.robot, self.settings = robot, settings or Settings()
         self.most = limits.limits(robot) if most is None else most
-        self._care, self._rule = self.settings.care(robot), self.settings.rule(robot)
+        self._care = self.settings.care(robot)
         self._custom, self._bounds = self.settings.custom(), bounds(self.most)
         self._swept = swept(robot.chain)
         self._scratch = segment.scratch(robot.chain)
@@ -76,6 +77,8 @@ class Planner:
         skeleton: bool = False,
         weight: np.ndarray | None = None,
         bone: np.ndarray | None = None,
+        stands: bool = False,
+        progress: Progress | None = None,
     ) -> Plan:
         """The nearest motion that holds.
 
@@ -86,6 +89,9 @@ class Planner:
             weight: of the joints, (n, n) or one a row (m, n, n), positive definite. None:
                 weights.of_joints, or, beside the skeleton, weights.RIDGE for each.
             bone: of the skeleton's components, (21,); None: weights.of_bones.
+            stands: the robot stands where the first two rows, which are alike, say: they are not
+                moved.
+            progress: called with numbers of rows done.
 
         Raises:
             ParameterError: an argument has another shape or is not finite.
@@ -94,19 +100,19 @@ class Planner:
         n = self.robot.n_dof
         times, wanted = limits.motion(times, wanted, n)
         aim = self._aim(times, wanted, skeleton, weight, bone)
-        job = _Job(self, times, wanted, aim)
+        job = _Job(self, times, wanted, aim, stands, progress)
         job.measure(0, len(times))
         if (first := job.broken()).any():
             for start, stop in _runs(first, job.reach, len(times)):
                 job.around(start, stop)
             job.repair()
-            left = job.broken()
-            if left.any():
+            if (left := job.broken()).any():
                 row = int(np.argmax(left))
                 raise CertificateError(
                     f"no motion was found that holds at row {row} ({times[row]:.4f} s): "
                     + job.why(row)
                 )
+        job.done(len(times))
         if self.settings.check:
             self._certifier.require(job.q, self.robot.margin)
         same = (job.q == wanted).all(axis=1)
@@ -123,6 +129,7 @@ class Planner:
         wanted[12] += 0.5
         for skeleton in (False, True):
             job = _Job(self, times, wanted, self._aim(times, wanted, skeleton, None, None))
+            job.measure(0, 24)
             job.around(0, 24)
             job.past(1)
 
@@ -150,8 +157,17 @@ class Planner:
 class _Job:
     """One motion on its way from what is wanted to what holds."""
 
-    def __init__(self, planner: Planner, times: np.ndarray, wanted: np.ndarray, aim) -> None:
+    def __init__(
+        self,
+        planner: Planner,
+        times: np.ndarray,
+        wanted: np.ndarray,
+        aim: rounds.Aim,
+        stands: bool = False,
+        progress: Progress | None = None,
+    ) -> None:
         self.its, self.times, self.wanted, self.aim = planner, times, wanted, aim
+        self.given, self._progress, self._done = 2 if stands else 0, progress, 0
         m = len(times)
         self.q = wanted.copy()
         self.clearance, self.bound = np.full(m, np.nan), np.full(m, np.nan)
@@ -159,6 +175,12 @@ class _Job:
         self.driven = np.zeros(m, np.bool_)
         step = float(np.median(np.diff(times))) if m > 1 else 1.0
         self.reach = int(np.clip(np.ceil(planner.settings.horizon / step - 1e-6), 4, 10_000))
+
+    def done(self, rows: int) -> None:
+        """Say that so many rows are done, of all."""
+        if self._progress and rows > self._done:
+            self._progress(rows - self._done)
+            self._done = rows
 
     def measure(self, first: int, last: int) -> None:
         """Clearances of rows first to last - 1, and proofs of the paths that end there."""
@@ -201,11 +223,12 @@ class _Job:
         window = max(self.its.settings.window, 4 * reach)
         while True:
             if start < 2:
-                start = 0
+                start = self.given
             if stop > m - 2:
                 stop = m
             if stop - start <= window:
                 if self._window(start, stop, joins=stop < m) or stop == m:
+                    self.done(stop)
                     return
                 stop += 2 * reach
                 continue
@@ -214,6 +237,7 @@ class _Job:
             kept = start + window - 2 * reach
             self.q[kept : start + window] = self.wanted[kept : start + window]
             start = kept
+            self.done(start)
 
     def _window(self, start: int, stop: int, joins: bool) -> bool:
         """Plan a window; True where its limits hold, and those where it joins the rows after."""
@@ -311,20 +335,37 @@ class _Job:
         if first == 0 and not self.clearance[0] >= its.robot.margin + AGREEMENT:
             anchor = its.robot.anchor
             self.q[0] = batch.project(chain, anchor, self.q[:1], its._care.target).q[0]
-        x = self.aim.x
+        x = np.empty_like(self.aim.x)
         if len(x):
-            x = np.empty_like(x)
             batch._skeletons(chain, planned, x)
-        how, bound = np.zeros(m, np.int64), np.zeros(m)
-        last = drive(
-            chain, its._swept, its._scratch, pursue.memory(its._joints), self.times, planned,
-            x, self.aim.bone, self.aim.W, np.zeros((0, self.q.shape[1])),
-            its.robot.anchor, its._rule, its._bounds, its._care, first, row, self.q, how,
-            bound,
-        )  # fmt: skip
+        last = self._drive(first, row, planned, x)
         self.driven[first + (first > 0) : last + 1] = True
         self.measure(first, min(last + 2, m))
         return last
+
+    def _drive(self, first: int, stop: int, planned: np.ndarray, x: np.ndarray) -> int:
+        """Follow the plan step by step from row first on; the last row that was written.
+
+        It may end at row stop or later with two rows as planned.
+        """
+        its, aim = self.its, self.aim
+        n, memory, out = planned.shape[1], pursue.memory(its._joints), np.zeros(2)
+        before = self.times[max(first, 1)] - self.times[max(first, 1) - 1]
+        v = (self.q[first] - self.q[first - 1]) / before if first else np.zeros(n)
+        none, nothing, same = np.empty(0), np.zeros((0, n)), 0
+        for t in range(first + 1, len(self.q)):
+            dt = self.times[t] - self.times[t - 1]
+            pursue.pursue(
+                its.robot.chain, its._swept, its._scratch, memory, self.q[t - 1], v, before, dt,
+                its._bounds, its._care, planned[t], x[t] if len(x) else none, aim.bone,
+                aim.W[min(t, len(aim.W) - 1)], nothing, its.robot.anchor, self.q[t], out,
+            )  # fmt: skip
+            v = (self.q[t] - self.q[t - 1]) / dt
+            before = dt
+            same = same + 1 if (self.q[t] == planned[t]).all() else 0
+            if same >= 2 and t >= stop:
+                return t
+        return len(self.q) - 1
 
 
 def _runs(bad: np.ndarray, reach: int, m: int) -> list[tuple[int, int]]:

@@ -25,7 +25,7 @@ _RIVALS = (
     ("skeleton_all", "that of brute force over the same poses"),
 )
 _BAD = ("segments_colliding", "segments_undecided", "segments_too_fast")
-_GUARDED = ("limited_rate", "eased_rate", "avoiding_rate", "held_rate")
+_GUARDED = ("limited_rate", "avoiding_rate", "held_rate")
 
 
 class Gauge(NamedTuple):

@@ -71,7 +71,7 @@ def save(
         raise BundleError(
             f"a retargeter of {method} needs other pieces: see s3le/retarget/exported.py"
         )
-    settings.rule(it), settings.speed(it)  # refuses
+    settings.rule(it), settings.limits(it)  # refuses
     nets = None if model is None else encoder.read(model, it.tag)
     new = Path(folder).with_name(f".{Path(folder).name}.part")
     shutil.rmtree(new, ignore_errors=True)

@@ -1,13 +1,16 @@
-"""The one loop over frames: a retargeter follows skeletons in time, from first to last."""
+"""The one way to follow skeletons in time, from first to last: knowing what comes, or not."""
 
 import time as clock
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.retarget.stream import SHORTEST, Mode, Step
+from s3le.plan.steps import SHORTEST
+from s3le.retarget.rows import Mode, Rows, rows_of
+from s3le.retarget.stream import Step
 from s3le.robot.robot import Robot
 from s3le.skeleton import DIM
 from s3le.types import Progress
@@ -29,6 +32,15 @@ class Follows(Protocol):
 
     def start(self, q: np.ndarray | None = None) -> Streams:
         """A new stream; see Retargeter.start."""
+
+    def plan(
+        self,
+        x: np.ndarray,
+        times: np.ndarray,
+        start: np.ndarray | None = None,
+        progress: Progress | None = None,
+    ) -> Rows:
+        """A whole motion; see Retargeter.plan."""
 
 
 class Followed(NamedTuple):
@@ -54,6 +66,7 @@ def follow(
     fps: float = 30.0,
     start: np.ndarray | None = None,
     lead_in: float = 0.0,
+    look_ahead: bool = True,
     progress: Progress | None = None,
 ) -> Followed:
     """Let a retargeter follow skeletons.
@@ -66,6 +79,7 @@ def follow(
         start: pose that the robot starts from [rad], (n_dof,); None: the anchor if there is a
             lead-in, else the first usable frame's own pose.
         lead_in: time to move from there to the first frame [s]; 0: none.
+        look_ahead: plan the motion as a whole. False: frame by frame, as a stream has to.
         progress: called with numbers of frames done.
 
     Raises:
@@ -82,7 +96,6 @@ def follow(
     if not usable.any():
         raise ParameterError("a motion needs one frame with seven finite vectors")
     first, own = int(np.argmax(usable)), times
-    rows: list[tuple[Step, float]] = []
     lead = 0
     if lead_in:
         start = robot.anchor if start is None else np.asarray(start, float)
@@ -93,31 +106,56 @@ def follow(
             [np.arange(1, lead + 1), lead + 1 + (times - times[0]) * fps]
         ) / fps  # fmt: skip
         first = 0
-    stream = retargeter.start(start)
-    if lead and start is not None:
-        rows.append((_standing(start), np.nan))
     first = first if start is None else 0
-    previous = times[first] - 1.0 / fps
-    for i, (frame, now) in enumerate(zip(x[first:], times[first:], strict=True), first):
-        began = clock.perf_counter()
-        row = stream.step(frame, now - previous)
-        if i < lead:
-            row = row._replace(mode=Mode.LEAD_IN)
-        rows.append((row, clock.perf_counter() - began))
-        previous = now
-        if progress and i >= lead:
-            progress(1)
-    before = rows[0][0]._replace(mode=Mode.DROPPED, distance=np.nan)
-    rows = [(before, np.nan)] * first + rows
-    clip_from = lead + 1 if lead else 0
-    if lead:
+    dt = np.diff(times[first:], prepend=times[first] - 1.0 / fps)
+    walk = retargeter.plan if look_ahead else partial(frame_by_frame, retargeter)
+    made = walk(x[first:], dt, start, _late(progress, lead))
+    made.mode[:lead] = Mode.LEAD_IN
+    if lead and start is not None:
+        made = _stack(_standing(start), made)
         times = np.concatenate([[0.0], times])
-    parts = zip(*[(*row, seconds) for row, seconds in rows], strict=True)
-    q, mode, clearance, bound, distance, wanted, seconds = map(np.array, parts)
+    if first:
+        before = Rows(*(part[:1].repeat(first, axis=0) for part in made))
+        before.mode[:] = Mode.DROPPED
+        before.distance[:], before.seconds[:] = np.nan, np.nan
+        made = _stack(before, made)
+    clip_from = lead + 1 if lead else 0
     offset = float(times[clip_from] - own[0]) if lead else 0.0
-    return Followed(
-        times, q, mode.astype(str), clearance, bound, distance, wanted, seconds, clip_from, offset
-    )
+    return Followed(times, *made._replace(mode=made.mode.astype(str)), clip_from, offset)
+
+
+def frame_by_frame(
+    retargeter: Follows,
+    x: np.ndarray,
+    dt: np.ndarray,
+    start: np.ndarray | None,
+    progress: Progress | None,
+) -> Rows:
+    """As a stream has to, which does not know what comes."""
+    stream, rows = retargeter.start(start), []
+    for frame, step in zip(x, dt, strict=True):
+        began = clock.perf_counter()
+        row = stream.step(frame, step)
+        rows.append((*row, clock.perf_counter() - began))
+        if progress:
+            progress(1)
+    return rows_of(rows)
+
+
+def _late(progress: Progress | None, lead: int) -> Progress | None:
+    """Count frames alone, not those of a lead-in."""
+    if not progress or not lead:
+        return progress
+    left = lead
+
+    def counted(rows: int) -> None:
+        nonlocal left
+        own = max(rows - left, 0)
+        left = max(left - rows, 0)
+        if own:
+            progress(own)
+
+    return counted
 
 
 def approach(x_from: np.ndarray, x_to: np.ndarray, count: int) -> np.ndarray:
@@ -138,9 +176,13 @@ def approach(x_from: np.ndarray, x_to: np.ndarray, count: int) -> np.ndarray:
     return (turned / np.linalg.norm(turned, axis=2, keepdims=True)).reshape(count, -1)
 
 
-def _standing(q: np.ndarray) -> Step:
+def _standing(q: np.ndarray) -> Rows:
     """The row of a robot that stands where it was told to begin."""
-    return Step(np.array(q, float), Mode.START, np.nan, np.nan, np.nan, np.nan)
+    return rows_of([(np.array(q, float), Mode.START, *[np.nan] * 5)])
+
+
+def _stack(one: Rows, other: Rows) -> Rows:
+    return Rows(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))
 
 
 def _motion(x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

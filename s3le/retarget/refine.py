@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.kernels.compiled import compiled
-from s3le.kernels.kinematics import bones, place
+from s3le.kernels.poses import AGREEMENT, apart, cost_of, inside
 from s3le.kernels.solver import clearance_of, minimise_within, restore_within
 
 NOTHING, LOOKUP, REFINED = 0, 1, 2  # where a result comes from
@@ -20,45 +20,16 @@ _ELSEWHERE = 0.2  # [rad], a robot farther than this from its last answer starts
 _GOOD = 0.035  # sum of cosine distances, 0.005 a bone, with which no proposal is looked into
 BAND = 0.05  # [m], pairs farther than this over the target do not enter a quadratic program
 FINE = 2e-3  # [rad], a solve ends with a step smaller than this
-AGREEMENT = 1e-6  # [m], kept beyond every margin: another engine's distances may differ by this
 
 
 class Rule(NamedTuple):
-    """How to refine, and how to move; what s3le.retarget.settings says, as the kernels want it."""
+    """How to refine; what s3le.retarget.settings says, as the kernels want it."""
 
     target: float  # [m], clearance that refinement aims at
     margin: float  # [m], clearance that every pose keeps
-    between: float  # [m], clearance that every path keeps
     ridge: float  # weight of the pull towards the start [-]
-    pull: float  # weight of the pull towards the wanted pose, where it is out of reach [-]
     toll: float  # what a pose farther off must gain, in mean cosine distance [1/rad]
     steps: int  # most iterations of each solve
-    budget: int  # most poses that a proof looks at
-
-
-@compiled
-def cost_of(chain, q, x):
-    """Half the squared distance of the pose's skeleton to x: its seven cosine distances' sum."""
-    n = len(q)
-    R = np.empty((n + 1, 3, 3))
-    p = np.empty((n + 1, 3))
-    z = np.empty((n, 3))
-    found = np.empty(21)
-    place(chain, q, R, p, z)
-    bones(chain, R, p, z, found, np.empty((0, n)))
-    total = 0.0
-    for k in range(21):
-        total += (found[k] - x[k]) ** 2
-    return 0.5 * total
-
-
-@compiled
-def inside(q, lowest, highest):
-    """Is the pose in the box? False where it is not finite."""
-    for i in range(len(q)):
-        if not lowest[i] <= q[i] <= highest[i]:
-            return False
-    return True
 
 
 @compiled
@@ -154,12 +125,3 @@ def refine(chain, balls, x, starts, last, here, warm, rule, q, out):
     out[1] = least
     out[2] = iterations
     return how
-
-
-@compiled
-def apart(a, b):
-    """Largest difference of two poses in any joint [rad]."""
-    most = 0.0
-    for i in range(len(a)):
-        most = max(most, abs(a[i] - b[i]))
-    return most

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from s3le.errors import ParameterError
+from s3le.plan import settings as planning
+from s3le.plan.limits import Limits, limits
 from s3le.retarget.refine import Rule
 from s3le.robot.robot import Robot
 from s3le.safety.paths import BUDGET
@@ -37,15 +39,12 @@ class Settings:
         0.0005, 1e-9, 0.1, "clearance kept on the paths between poses [m], at most the margin"
     )
     ridge: float = _number(0.001, 1e-9, 1.0, "pull towards the pose that a solve starts at [-]")
-    pull: float = _number(
-        0.3, 0.0, 1e6, "pull towards the pose wanted, where it is out of reach [-]"
-    )
     toll: float = _number(
         0.003, 0.0, 2.0, "what a pose farther off must gain, in mean cosine distance [1/rad]"
     )
     speed_factor: float = _number(1.0, 1e-3, 1.0, "share of the robot's joint speeds that is used")
-    brake: float = _number(
-        120.0, 0.0, 1e6, "most change of speed, where safety leaves the choice [rad/s^2]; 0: any"
+    acceleration_factor: float = _number(
+        1.0, 1e-3, 1e3, "share of the joints' accelerations that is used"
     )
     cutoff: float = _number(
         0.0, 0.0, 1e4, "of the filter of a human who stands still [Hz]; 0: no filter"
@@ -89,22 +88,26 @@ class Settings:
         return Rule(
             target=float(self.target),
             margin=float(robot.margin),
-            between=float(self.between),
             ridge=float(self.ridge),
-            pull=float(self.pull),
             toll=float(self.toll),
             steps=int(self.iterations),
-            budget=int(self.budget),
         )
 
-    def speed(self, robot: Robot) -> np.ndarray:
-        """Most that each joint may do [rad/s], (n_dof,).
+    def limits(self, robot: Robot) -> Limits:
+        """What each joint may do.
 
         Raises:
             ParameterError: the robot's file gives a joint no speed.
         """
-        speed = np.array([joint.velocity for joint in robot.joints])
-        if not (speed > 0.0).all() or not np.isfinite(speed).all():
-            name = robot.joints[int(np.argmin((speed > 0.0) & np.isfinite(speed)))].name
+        most = limits(robot, speed_factor=self.speed_factor)
+        if not np.isfinite(most.speed).all():
+            name = robot.joints[int(np.argmin(np.isfinite(most.speed)))].name
             raise ParameterError(f"robot {robot.name}: joint {name} has no speed limit")
-        return speed * self.speed_factor
+        return most._replace(acceleration=most.acceleration * self.acceleration_factor)
+
+    def planning(self, check: bool = True) -> planning.Settings:
+        """How the nearest certified motion is looked for."""
+        return planning.Settings(
+            target=float(self.target), between=float(self.between), budget=int(self.budget),
+            check=check,
+        )  # fmt: skip

@@ -66,7 +66,7 @@ def retargeter_for(
     if not isinstance(robot, Robot):
         robot = Robot.load(robot)
     watch = watch or (lambda what, more, total: None)
-    if compiled.stored("guard.frame"):
+    if compiled.stored("pursue.pursue"):
         return _loaded(robot, changed, watch)
     with _compiling(watch), _helper(robot, watch):
         standing = Retargeter(robot, _Standing(robot), Settings())

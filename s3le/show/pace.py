@@ -29,10 +29,12 @@ KINDS = (PLAIN, SLOWED, DETOUR, HELD, APPROACH, STILL)  # in reading order
 
 _KIND_OF = {
     "limited": SLOWED,
-    "eased": SLOWED,
+    "planned": SLOWED,
     "shortened": SLOWED,
     "detour": DETOUR,
+    "braked": HELD,
     "held": HELD,
+    "halted": HELD,
     "dropped": HELD,
     "start": APPROACH,
     "lead_in": APPROACH,

@@ -78,7 +78,7 @@ def followed(
     frames: Columns,
     progress: Progress | None = None,
 ) -> Answered:
-    """Retarget every motion as a stream, with what stage `export` wrote; see s3le.study.followed.
+    """Retarget every motion with what stage `export` wrote, as `s3le retarget` does.
 
     Args:
         robot: the robot.

@@ -12,11 +12,10 @@ from s3le.safety.paths import CERTIFIED, COLLIDES
 from s3le.skeleton import cosine_distance
 
 TOUCH = 1e-9  # [m], a path on which every pair keeps this much does not collide
-_MODES = {  # figure -> modes of a stream that it counts
-    "limited_rate": ("limited",),
-    "eased_rate": ("eased",),
+_MODES = {  # figure -> modes of a motion that it counts
+    "limited_rate": ("planned", "limited"),
     "avoiding_rate": ("detour", "shortened"),
-    "held_rate": ("held",),
+    "held_rate": ("held", "braked", "halted"),
 }
 
 

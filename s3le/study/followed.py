@@ -1,8 +1,8 @@
-"""The exported retargeter on the test motions: each a stream at its own frame rate, certified.
+"""The exported retargeter on the test motions: each planned as a whole, or a stream; certified.
 
 Refined, it does what `s3le retarget` does. The look-up alone is followed under the same guard: of
 the poses that are proposed for a frame, the one whose skeleton is nearest to the human, and then
-the stream is shown that pose's own skeleton, as if the human stood exactly so. There is then
+the retargeter is shown that pose's own skeleton, as if the human stood exactly so. There is then
 nothing to refine, and speeds, clearances and proofs are those of the refined row.
 """
 
@@ -21,7 +21,7 @@ from s3le.types import Progress
 
 
 class _Recorder:
-    """A proposer that remembers what it was asked, after the stream's filter, and its answers."""
+    """A proposer that remembers what it was asked, after the filter, and its answers."""
 
     def __init__(self, proposer: Retargeter) -> None:
         self._proposer = proposer
@@ -52,6 +52,8 @@ def follow(
     x: np.ndarray,
     refine: bool,
     progress: Progress | None = None,
+    *,
+    look_ahead: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Follow every motion from its own first pose on; refuse what does not hold.
 
@@ -63,6 +65,7 @@ def follow(
         x: human skeletons, (n, 21).
         refine: False: go for the poses looked up, as they are stored.
         progress: called with numbers of frames done.
+        look_ahead: plan each motion as a whole, as `s3le retarget` does; False: frame by frame.
 
     Returns:
         Pair (q, mode): poses [rad], (n, n_dof), and how each was obtained, words, (n,).
@@ -85,7 +88,7 @@ def follow(
     made = []
     for rows in np.split(np.arange(len(x)), cuts):
         walk = _refined if refine else _looked_up
-        q, mode = walk(retargeter, x[rows], times[rows])
+        q, mode = walk(retargeter, x[rows], times[rows], look_ahead)
         report = audit.audit(robot, times[rows], q, wanted)
         if not report.holds:
             raise CertificateError(f"{clips[rows[0]]}: {report.complaint}")
@@ -97,14 +100,14 @@ def follow(
 
 
 def _refined(
-    retargeter: Retargeter, x: np.ndarray, times: np.ndarray
+    retargeter: Retargeter, x: np.ndarray, times: np.ndarray, look_ahead: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    made = loop(retargeter, x, times)
+    made = loop(retargeter, x, times, look_ahead=look_ahead)
     return made.q, made.mode
 
 
 def _looked_up(
-    retargeter: Retargeter, x: np.ndarray, times: np.ndarray
+    retargeter: Retargeter, x: np.ndarray, times: np.ndarray, look_ahead: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     # A first time through for what the look-up is asked and finds: one call a frame.
     recorder = _Recorder(retargeter)
@@ -122,5 +125,6 @@ def _looked_up(
         Retargeter(robot, given, settings),
         np.array([rows[k] for rows, k in zip(shown, nearest, strict=True)]),
         times,
+        look_ahead=look_ahead,
     )
     return made.q, made.mode

@@ -21,8 +21,8 @@ def ground_truth(n_dof: int, margin: float) -> Table:
 
 
 MODES = (
-    "decoded", "start", "refined", "lookup", "limited", "shortened", "detour", "held", "lead_in",
-    "dropped", "eased",
+    "decoded", "start", "refined", "lookup", "planned", "limited", "shortened", "detour", "braked",
+    "held", "halted", "lead_in", "dropped",
 )  # fmt: skip
 
 

@@ -9,8 +9,8 @@ look-up proposes. Which are tried turns from call to call: a frame has time for 
 import numpy as np
 
 from s3le.kernels.compiled import compiled
+from s3le.kernels.poses import AGREEMENT, apart, inside
 from s3le.kernels.solver import clearance_of
-from s3le.retarget.refine import AGREEMENT, apart, inside
 from s3le.safety.segment import CERTIFIED, prove
 from s3le.skeleton import POINTS
 
@@ -42,15 +42,15 @@ def opened(chain, q, anchor, group, share, out):
 
 
 @compiled
-def clear(chain, swept, rule, q):
+def clear(chain, swept, care, q):
     """Is the pose within limits and at the margin?"""
     return inside(q, chain.lower, chain.upper) and (
-        clearance_of(chain, swept.balls, q) >= rule.margin + AGREEMENT
+        clearance_of(chain, swept.balls, q) >= care.margin + AGREEMENT
     )
 
 
 @compiled
-def seek(chain, swept, s, q, want, starts, anchor, rule, turn, way):
+def seek(chain, swept, s, q, want, starts, anchor, care, turn, way):
     """Look for a way from q to want.
 
     Args:
@@ -58,7 +58,7 @@ def seek(chain, swept, s, q, want, starts, anchor, rule, turn, way):
         q, want: poses that keep the margin [rad], (n,).
         starts: further poses to go by [rad], (k, n).
         anchor: a pose that is clear of everything [rad], (n,).
-        rule: a refine.Rule.
+        care: a causal.Care; margin, between and budget are read.
         turn: which way to try first.
         way: receives the poses to go by [rad], (2, n), the next one last.
 
@@ -87,13 +87,13 @@ def seek(chain, swept, s, q, want, starts, anchor, rule, turn, way):
             second[:] = first
         far = apart(q, first) + apart(first, second) + apart(second, want)
         if not far < least or not (
-            clear(chain, swept, rule, first) and clear(chain, swept, rule, second)
+            clear(chain, swept, care, first) and clear(chain, swept, care, second)
         ):
             continue
         if (
-            prove(chain, swept, s, q, first, rule.between, rule.budget)[0] == CERTIFIED
-            and prove(chain, swept, s, second, want, rule.between, rule.budget)[0] == CERTIFIED
-            and prove(chain, swept, s, first, second, rule.between, rule.budget)[0] == CERTIFIED
+            prove(chain, swept, s, q, first, care.between, care.budget)[0] == CERTIFIED
+            and prove(chain, swept, s, second, want, care.between, care.budget)[0] == CERTIFIED
+            and prove(chain, swept, s, first, second, care.between, care.budget)[0] == CERTIFIED
         ):
             least = far
             found = 2

@@ -1,0 +1,121 @@
+"""A whole motion planned at once: the poses wanted for all frames, then the nearest that holds."""
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from s3le.errors import ParameterError
+from s3le.kernels import batch
+from s3le.retarget.calm import Calm, middle, seen
+from s3le.retarget.refine import LOOKUP, NOTHING
+from s3le.retarget.rows import Mode, Rows
+from s3le.skeleton import DIM
+from s3le.types import Progress
+
+if TYPE_CHECKING:
+    from s3le.retarget.stream import Retargeter
+
+_AS_WANTED = 0.02  # [rad], a row in which every joint is as near counts as the pose wanted
+
+
+def planned(
+    its: "Retargeter",
+    x: np.ndarray,
+    dt: np.ndarray,
+    start: np.ndarray | None,
+    progress: Progress | None,
+) -> Rows:
+    """See Retargeter.plan."""
+    half = _halves(progress, len(x))
+    aims, wanted, mode, cost, seconds = _wanted(its, x, dt, start, half)
+    began = clock.perf_counter()
+    times = np.cumsum(dt)
+    if start is None:
+        plan = its.planner().plan(times, wanted, skeleton=True, progress=half)
+    else:
+        times = np.concatenate([times[0] - dt[0] * np.array([2.0, 1.0]), times])
+        stood = np.concatenate([[start, start], wanted])
+        plan = its.planner().plan(times, stood, skeleton=True, stands=True, progress=half)
+        plan = type(plan)(*(part[2:] for part in plan))
+    arrived = np.isin(mode, (Mode.REFINED, Mode.LOOKUP))
+    mode[arrived & (np.abs(plan.q - wanted).max(axis=1) > _AS_WANTED)] = Mode.PLANNED
+    found = batch.skeletons(its.robot.chain, plan.q)
+    far = 0.5 * np.square(found - aims).sum(axis=1) / len(its.robot.vectors)
+    seconds += (clock.perf_counter() - began) / len(x)
+    return Rows(plan.q, mode, plan.clearance, plan.bound, far, cost, seconds)
+
+
+def _wanted(
+    its: "Retargeter",
+    x: np.ndarray,
+    dt: np.ndarray,
+    start: np.ndarray | None,
+    progress: Progress,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """What is seen in each frame and the pose wanted for it, however fast it must be reached.
+
+    Returns:
+        (aims (m, 21), NaN where no human has been seen yet; poses (m, n) [rad]; Mode of each;
+        its mean cosine distance to the human; seconds that each took).
+    """
+    m, n = len(x), its.robot.n_dof
+    aims, wanted = np.full((m, DIM), np.nan), np.empty((m, n))
+    mode, cost, seconds = np.empty(m, object), np.full(m, np.nan), np.empty(m)
+    frames = [seen(its.robot, row) for row in x]
+    calm, out = Calm(replace(its.settings, delay=False)), np.zeros(3)
+    if its.settings.delay:
+        frames = _odd_ones_out(frames)
+    warm = start is not None
+    last = np.zeros(n) if start is None else np.array(start, float)
+    aim = None
+    for i, frame in enumerate(frames):
+        began = clock.perf_counter()
+        if frame is not None:
+            aim = calm(frame, float(dt[i]))
+        elif not warm:
+            raise ParameterError("the first frame of a motion has no seven finite vectors")
+        mode[i] = Mode.DROPPED
+        wanted[i] = last
+        if aim is not None:
+            aims[i] = aim
+            found = its.refine(aim, its.propose(aim), last, last, warm, wanted[i], out)
+            if found == NOTHING and not warm:
+                wanted[i] = its.robot.anchor
+            if not warm:
+                mode[i] = Mode.START
+            elif frame is not None:
+                mode[i] = Mode.LOOKUP if found == LOOKUP else Mode.REFINED
+            cost[i] = out[0] / len(its.robot.vectors)
+            last, warm = wanted[i].copy(), True
+        seconds[i] = clock.perf_counter() - began
+        progress(1)
+    return aims, wanted, mode, cost, seconds
+
+
+def _odd_ones_out(frames: list[np.ndarray | None]) -> list[np.ndarray | None]:
+    """Of each frame and its neighbours the middle one, bone by bone; none comes late."""
+    kept = [row for row in frames if row is not None]
+    late = []
+    for i, now in enumerate(kept):
+        late.append(np.empty(DIM))
+        middle(kept[max(i - 1, 0)], now, kept[min(i + 1, len(kept) - 1)], late[-1])
+    rest = iter(late)
+    return [None if row is None else next(rest) for row in frames]
+
+
+def _halves(progress: Progress | None, m: int) -> Callable[[int], object]:
+    """Each of m rows counts twice, and is told once."""
+    seen, told = 0, 0
+
+    def counted(rows: int) -> None:
+        nonlocal seen, told
+        seen += rows
+        now = min(seen // 2, m)
+        if progress and now > told:
+            progress(now - told)
+            told = now
+
+    return counted
