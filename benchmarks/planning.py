@@ -62,7 +62,7 @@ def main(
     look = LookUp(pool, neighbours.build(seen, "l2"), 8, None)
     known = [read(made, look, path) for path in sorted(clips.rglob("*.amc.gz"))
              if path.parent.name in subjects.split(",")]  # fmt: skip
-    Planner(made, most, settings).warm_up()  # compiles
+    Planner(made, most, settings).warm_up(everything=True)  # compiles
     _stream(made, most, settings, known[0])
     frames = sum(len(clip.x) for clip in known)
     print(f"{made.robot.name}, {len(known)} motions, {frames} frames, {acceleration:g} rad/s^2")

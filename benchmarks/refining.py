@@ -4,9 +4,10 @@
 
 Every motion of the table that was not trained on is planned as a whole, and played as a stream, at
 its own rate. *before*: the pose wanted; *after*: where the robot gets, within all limits in time,
-every pose and path certified. The optimum of a frame is the best feasible pose that another solver
-(tests/reference.py: pinocchio, coal, daqp) reaches from the poses looked up and from random feasible
-ones, 22 in all; it is sought for frames that are drawn with a seed. CMU's: dvc exp run -S clips=cmu skeletons.
+every pose and path certified.
+The optimum of a frame is the best feasible pose that another solver (tests/reference.py: pinocchio,
+coal, daqp) reaches from the poses looked up and from random feasible ones, 22 in all; it is sought
+for frames that are drawn with a seed. CMU's: dvc exp run -S clips=cmu skeletons.
 """
 
 import sys

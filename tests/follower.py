@@ -24,7 +24,7 @@ ROOM = 1e-6  # [m], kept beyond the margin: kernels and coal agree to 1e-7
 def led_by(monkeypatch, cls):
     """COMAN, led by one of the retargeters below, in every folder and without one."""
     made = cls(coman())
-    monkeypatch.setattr(stored, "retargeter_for", lambda robot, watch=None: made)
+    monkeypatch.setattr(stored, "retargeter_for", lambda robot, watch=None, streams=False: made)
     monkeypatch.setattr(Retargeter, "load", lambda folder, method=None: made)
     return made
 

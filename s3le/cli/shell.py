@@ -114,13 +114,16 @@ class Meant(NamedTuple):
     line: str  # for a person
 
 
-def retargeter(model: Path | None, method: str | None, given: str | None) -> Meant:
+def retargeter(
+    model: Path | None, method: str | None, given: str | None, streams: bool = False
+) -> Meant:
     """The retargeter that is meant; shows on stderr what a user waits for at first.
 
     Args:
         model: folder that stage `export` wrote; None: poses made for the robot by itself.
         method: refuse any other method of look-up.
         given: the robot, see `robot`; None: the model's.
+        streams: it is to follow a stream; False: files.
 
     Raises:
         ModelError: the model is for another robot, or there is none and the method needs one.
@@ -138,13 +141,13 @@ def retargeter(model: Path | None, method: str | None, given: str | None) -> Mea
             )
         it = robot(given)
         with _watched(it.name) as watch:
-            made = stored.retargeter_for(it, watch=watch)
+            made = stored.retargeter_for(it, watch=watch, streams=streams)
         line = (
             f"robot {it.name} ({it.description.source}), {stored.ROWS:,} stored poses, found by "
             f"the skeleton itself: {stored.folder(it)}"
         )
         return Meant(made, {"model": None} | stored.about(it), line)
-    if Path(model).is_dir() and not compiled.stored("pursue.pursue"):
+    if Path(model).is_dir() and not compiled.stored(stored.STREAM if streams else stored.FILE):
         typer.echo(f"compiling kernels, {_ONCE}: about a minute", err=True)
     made = Retargeter.load(model, method=method)
     own = made.robot

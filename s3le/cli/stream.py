@@ -45,7 +45,7 @@ def stream(
     from s3le.retarget import live
 
     with shell.guarded():
-        retargeter, about, line = shell.retargeter(model, method, robot)
+        retargeter, about, line = shell.retargeter(model, method, robot, streams=True)
         typer.echo(line, err=True)
 
         def begin() -> live.Live:

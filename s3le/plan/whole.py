@@ -119,19 +119,23 @@ class Planner:
         how = np.where(same, WANTED, np.where(job.driven, DRIVEN, PLANNED)).astype(np.uint8)
         return Plan(job.q, how, job.clearance, job.bound)
 
-    def warm_up(self) -> None:
+    def warm_up(self, everything: bool = False) -> None:
         """Compile what a motion needs, or read it from the store, so that none waits for it.
 
-        The first time after an installation this takes minutes.
+        The first time after an installation this takes a minute.
+
+        Args:
+            everything: what drives a robot past a place that no plan gets around, too. Few
+                motions need it; the first that does waits for it.
         """
         anchor, times = self.robot.anchor, np.arange(24) / 30.0
         wanted = np.tile(anchor, (24, 1))
         wanted[12] += 0.5
         for skeleton in (False, True):
             job = _Job(self, times, wanted, self._aim(times, wanted, skeleton, None, None))
-            job.measure(0, 24)
             job.around(0, 24)
-            job.past(1)
+            if everything:
+                job.past(1)
 
     def _aim(self, times, wanted, skeleton, weight, bone) -> rounds.Aim:
         n = wanted.shape[1]

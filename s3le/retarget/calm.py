@@ -112,9 +112,9 @@ class Calm:
             late = np.empty(DIM)
             middle(*self._seen, late)
             x = late
-        if self._any:
+        if self._any and self._cutoff < np.inf:
             calm(x, dt, self._cutoff, self._quickness, self._kept, self._rate)
-        else:
+        else:  # nothing has been seen yet, or there is no filter
             self._kept[:], self._any = x, True
         return self._kept.copy()
 

@@ -38,6 +38,7 @@ from s3le.types import Progress
 ROWS = 20_000  # stored poses
 SAMPLER, ALPHA, SEED = "human", 0.2, 7  # as params.yaml has them: sample.sampler, alpha, seed
 METHOD, METRIC = "skeleton", "l2"
+STREAM, FILE = "pursue.pursue", "rounds.settle_window"  # the kernels that take longest
 PATIENCE = 600.0  # [s] for another process that makes the same poses
 _MADE_BY = ("kernels", "robot", "search", "store", "tuples", "retarget", "rng.py", "skeleton.py")
 _HERE = Path(__file__).parents[1]
@@ -45,9 +46,13 @@ Watch = Callable[[str, int, int], object]  # what is done, how many are new, of 
 
 
 def retargeter_for(
-    robot: Robot | Path | str, *, watch: Watch | None = None, **changed: Any
+    robot: Robot | Path | str,
+    *,
+    watch: Watch | None = None,
+    streams: bool = False,
+    **changed: Any,
 ) -> Retargeter:
-    """The retargeter of a robot that nothing was trained for, ready for its first frame.
+    """The retargeter of a robot that nothing was trained for, ready for its first motion.
 
     The first time on a machine this compiles the kernels, about a minute, and the first time for
     a robot it makes the robot's stored poses, some seconds.
@@ -55,6 +60,7 @@ def retargeter_for(
     Args:
         robot: the robot, or what Robot.load takes.
         watch: called with "kernels" or "poses", how many more are done, and of how many.
+        streams: compile what a stream needs; False: what a file needs.
         **changed: settings to change, by name (s3le.retarget.settings).
 
     Raises:
@@ -66,11 +72,16 @@ def retargeter_for(
     if not isinstance(robot, Robot):
         robot = Robot.load(robot)
     watch = watch or (lambda what, more, total: None)
-    if compiled.stored("pursue.pursue"):
+    if compiled.stored(STREAM if streams else FILE):
         return _loaded(robot, changed, watch)
     with _compiling(watch), _helper(robot, watch):
         standing = Retargeter(robot, _Standing(robot), Settings())
-        standing.warm_up()
+        if streams:
+            standing.warm_up()
+        else:
+            standing.planner().warm_up()
+            x = batch.skeletons(robot.chain, robot.anchor[None]).repeat(3, axis=0)
+            standing.plan(x, np.full(3, 1.0 / 30.0))
     return _loaded(robot, changed, watch)
 
 

@@ -163,7 +163,7 @@ class Retargeter:
         self.robot, self.settings = robot, settings
         self.rule, self.most = settings.rule(robot), settings.limits(robot)
         self.speed = self.most.speed  # [rad/s], (n_dof,)
-        self._balls, self._proposer = swept(robot.chain).balls, proposer
+        self._balls, self._proposer, self._warm = swept(robot.chain).balls, proposer, False
 
     @classmethod
     def load(
@@ -172,9 +172,7 @@ class Retargeter:
         changed: Mapping[str, object] | None = None,
         method: str | None = None,
     ) -> "Retargeter":
-        """The retargeter that a folder holds, ready for its first frame.
-
-        The first time after an installation this compiles the kernels, which takes about a minute.
+        """The retargeter that a folder holds.
 
         Args:
             folder: written by stage `export`.
@@ -186,18 +184,17 @@ class Retargeter:
             ModelError: there is none, or of another method.
             ParameterError: a changed setting is unknown or out of range.
         """
-        made = cls(*exported.load(folder, changed, method))
-        made.warm_up()
-        return made
+        return cls(*exported.load(folder, changed, method))
 
     def warm_up(self) -> None:
         """Compile what a frame needs, or read it from the store, so that no frame waits for it.
 
-        A look-up's scratch is made too, for the thread that calls this. What a file needs beside
-        it is compiled by planner().warm_up().
+        The first time after an installation this takes a minute or two. A look-up's scratch is
+        made too, for the thread that calls this. The first stream does it by itself; what a file
+        needs is compiled with the first one, or by planner().warm_up().
         """
         x = batch.skeletons(self.robot.chain, self.robot.anchor[None])[0]
-        stream = self.start()
+        stream, self._warm = Stream(self, None, True), True
         for _ in range(2):  # a first frame, and one that moves
             stream.step(x, 1.0 / 30.0)
         Calm.warm_up(x)
@@ -260,7 +257,7 @@ class Retargeter:
         return planned(self, x, dt, start, progress)
 
     def start(self, q: np.ndarray | None = None, check: bool | None = None) -> Stream:
-        """A new stream.
+        """A new stream, ready for its first frame; the first one waits for warm_up.
 
         Args:
             q: where the robot is [rad], (n_dof,); it moves from there (Mode.LEAD_IN). None: the
@@ -273,6 +270,8 @@ class Retargeter:
             CertificateError: q is not feasible.
             ParameterError: q has another shape.
         """
+        if not self._warm:
+            self.warm_up()
         return Stream(self, q, self.settings.check if check is None else check)
 
 
