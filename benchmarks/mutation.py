@@ -66,7 +66,10 @@ ROOMS = {
         ("s3le/safety/segment.py", "s3le/safety/swept.py", "s3le/safety/paths.py"),
         ("tests/test_proof.py",),
     ),
-    "guard": Room(("s3le/retarget/guard.py", "s3le/retarget/around.py"), ("tests/test_guard.py",)),
+    "guard": Room(
+        ("s3le/plan/causal.py", "s3le/plan/around.py", "s3le/plan/limits.py"),
+        ("tests/test_plan.py", "tests/test_around.py"),
+    ),
     "certificate": Room(("s3le/robot/certificate.py",), ("tests/test_certificate.py",)),
     "audit": Room(
         ("s3le/safety/audit.py",), ("tests/test_audit.py",), "not deep_poses and not decided_is_not"

@@ -228,7 +228,7 @@ def test_stored_machine_code_is_keyed_by_the_text_of_every_kernel(tmp_path, monk
     monkeypatch.setattr(compiled, "_HERE", tmp_path / "kernels")
     assert compiled.key() in where
     for edited_file in (
-        "kernels/solver.py", "safety/segment.py", "retarget/guard.py", "plan/rounds.py",
+        "kernels/solver.py", "safety/segment.py", "plan/causal.py", "plan/rounds.py",
     ):  # fmt: skip
         text = (tmp_path / edited_file).read_text()
         (tmp_path / edited_file).write_text(text + "# edited\n")

@@ -17,13 +17,14 @@ function, and two of them that take the same number at once would call code of a
 import fcntl
 import hashlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numba
 from llvmlite import binding
-from numba import config, njit
+from numba import config, njit, types
 from numba.core.caching import UserProvidedCacheLocator
 
 from s3le.store import cache
@@ -121,7 +122,7 @@ def compiled(function: Callable) -> Callable:
     global _functions
     _functions += 1
     if _STORE is None:
-        return njit(nogil=True)(function)
+        return _once(njit(nogil=True)(function))
     before = config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES
     config.CACHE_DIR = str(_STORE)  # both are read while the function is wrapped, not later
     config.CACHE_LOCATOR_CLASSES = _LOCATOR
@@ -131,6 +132,24 @@ def compiled(function: Callable) -> Callable:
         config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = before
     files = made._cache._cache_file  # numba has no other place to take turns at
     files.save = _in_turn(files.save)
+    return _once(made)
+
+
+def _once(made: Any) -> Callable:
+    """Compile a function once for a type, not once more for each constant that it is called with.
+
+    numba tells 0 from 1 and True from False where a kernel passes them to another. LLVM sees the
+    constants anyway where it inlines the call; elsewhere they are not worth a second of compiling.
+    """
+    call = made.get_call_template
+
+    def template(args: Sequence[types.Type], kws: Mapping[str, types.Type]) -> object:
+        return call(
+            [types.unliteral(one) for one in args],
+            {name: types.unliteral(one) for name, one in kws.items()},
+        )
+
+    made.get_call_template = template
     return made
 
 

@@ -2,7 +2,8 @@
 
 Each round linearises the skeleton and the clearances of pairs that come near, at the motion that
 the round before found, and solves the program that this makes. Limits, speeds and accelerations
-are linear as they are, so that every round keeps them. Compiled.
+are linear as they are, so that every round keeps them. What a round does is compiled; that there
+are rounds is not, since everything compiled anew around everything else is what takes long.
 """
 
 from typing import NamedTuple
@@ -162,7 +163,6 @@ def linearise(chain, balls, p, m, aim, target, between, custom):
             _add(p, t, found, d, G, target[t], share)
 
 
-@compiled
 def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
     """Find the nearest motion in a window.
 
@@ -176,12 +176,11 @@ def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
         anew: begin without the multipliers of an earlier call.
         out: receives [rounds, iterations, most that the last round moved a joint [rad]].
     """
-    before = np.empty((m, p.q.shape[1]))
     out[:] = 0.0
     mu = 1e-5
     stiff = custom.stiff
     for turn in range(custom.rounds):
-        before[:] = p.q[:m]
+        before = p.q[:m].copy()
         linearise(chain, balls, p, m, aim, target, between, custom)
         first = anew and turn == 0
         stiff = custom.soft * 4.0**turn if anew else custom.stiff
@@ -192,17 +191,13 @@ def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
         mu, done = improve(p, m, stiff, custom.steady, custom.small, custom.inner)
         out[0] += 1.0
         out[1] += done
-        most = 0.0
-        for t in range(m):
-            for i in range(p.q.shape[1]):
-                far = abs(p.q[t, i] - before[t, i])
-                if not far < np.inf:
-                    return False
-                most = max(most, far)
+        most = np.abs(p.q[:m] - before).max()
+        if not most < np.inf:  # catches NaN
+            return False
         out[2] = most
         if most < custom.fine and stiff == custom.stiff:
             break
     # A restart moves slacks off their walls; limits are kept when the last step is a whole one.
     mu, done = improve(p, m, stiff, custom.steady, custom.small, _LAST)
     out[1] += done
-    return np.isfinite(p.q[:m]).all()
+    return bool(np.isfinite(p.q[:m]).all())

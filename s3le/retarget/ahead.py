@@ -9,7 +9,8 @@ import numpy as np
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.retarget.calm import Calm, middle, seen
+from s3le.retarget.calm import middle
+from s3le.retarget.frames import Calm, seen
 from s3le.retarget.refine import LOOKUP, NOTHING
 from s3le.retarget.rows import Mode, Rows
 from s3le.skeleton import DIM

@@ -38,7 +38,7 @@ from s3le.types import Progress
 ROWS = 20_000  # stored poses
 SAMPLER, ALPHA, SEED = "human", 0.2, 7  # as params.yaml has them: sample.sampler, alpha, seed
 METHOD, METRIC = "skeleton", "l2"
-STREAM, FILE = "pursue.pursue", "rounds.settle_window"  # the kernels that take longest
+STREAM, FILE = "pursue.pursue", "interior.improve"  # the kernels that take longest
 PATIENCE = 600.0  # [s] for another process that makes the same poses
 _MADE_BY = ("kernels", "robot", "search", "store", "tuples", "retarget", "rng.py", "skeleton.py")
 _HERE = Path(__file__).parents[1]

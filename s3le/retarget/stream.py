@@ -21,7 +21,7 @@ from s3le.plan.steps import SHORTEST, Walker
 from s3le.plan.whole import Planner
 from s3le.retarget import exported
 from s3le.retarget.ahead import planned
-from s3le.retarget.calm import Calm, seen
+from s3le.retarget.frames import Calm, seen
 from s3le.retarget.propose import Proposer
 from s3le.retarget.refine import LOOKUP, NOTHING, refine
 from s3le.retarget.rows import Mode, Rows
