@@ -83,7 +83,7 @@ def test_modes_of_a_stream_are_shares_of_frames():
     modes = ["start", "limited", "detour", "shortened"]
     scored = Scored(np.zeros(4), np.zeros(4))
     found = summary(["a", "a", "b", "b"], scored, report, 0.002, no_paths(), modes)
-    assert [found["all"][name] for name in evaluation._MODES] == [0.25, 0.0, 0.5, 0.0]
+    assert [found["all"][name] for name in evaluation._MODES] == [0.25, 0.5, 0.0]
     assert found["motions"]["b"]["avoiding_rate"] == 1.0
 
 
