@@ -230,10 +230,11 @@ def test_a_robot_is_a_folder_a_file_or_a_name(tmp_path, monkeypatch):
 
 
 def test_velocity_words():
-    assert shell.velocities(None) is None and shell.velocities(["3"]) == 3.0
-    assert shell.velocities(["a=1", "b=2e0"]) == {"a": 1.0, "b": 2.0}
+    assert shell.by_joint(None, "--velocity", "RAD_S") is None
+    assert shell.by_joint(["3"], "--velocity", "RAD_S") == 3.0
+    assert shell.by_joint(["a=1", "b=2e0"], "--velocity", "RAD_S") == {"a": 1.0, "b": 2.0}
     with pytest.raises(ParameterError, match="RAD_S or JOINT=RAD_S"):
-        shell.velocities(["a="])
+        shell.by_joint(["a="], "--velocity", "RAD_S")
 
 
 # --- retarget

@@ -45,6 +45,13 @@ def audit(
             show_default="the URDF's",
         ),
     ] = None,
+    acceleration: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Limit of all joints [rad/s^2], or JOINT=LIMIT, several times.",
+            show_default="not looked at",
+        ),
+    ] = None,
     fps: Annotated[
         float | None,
         typer.Option(help="Rows per second [Hz].", show_default="the file's times or rate"),
@@ -80,8 +87,9 @@ def audit(
             its,
             margin,
             margin_between,
-            shell.velocities(velocity),
+            shell.by_joint(velocity, "--velocity", "RAD_S"),
             BUDGET if budget is None else budget,
+            shell.by_joint(acceleration, "--acceleration", "RAD_S2"),
         )
         named = shell.names(joints)
         told: list[dict[str, Any]] = []
@@ -163,6 +171,7 @@ def _lines(
     asked = {
         "limits": "joint ranges",
         "velocities": "joint speeds",
+        "accelerations": "joint accelerations",
         "poses": f"poses at least {wanted.margin * 1e3:g} mm clear",
         "paths": f"paths at least {wanted.margin_between * 1e3:g} mm clear, proven",
     }

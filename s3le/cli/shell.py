@@ -84,8 +84,13 @@ def robot(given: str | None, margin: float | None = None) -> "Robot":
     return Robot.load(given, MARGIN if margin is None else min(margin, MARGIN))
 
 
-def velocities(given: list[str] | None) -> dict[str, float] | float | None:
-    """What `--velocity` says: one limit for all joints, or JOINT=LIMIT, several times [rad/s].
+def by_joint(given: list[str] | None, option: str, unit: str) -> dict[str, float] | float | None:
+    """What an option says of joints: one number for all, or JOINT=NUMBER, several times.
+
+    Args:
+        given: the words behind the option.
+        option: its name, for a refusal.
+        unit: of the numbers, as the option's help calls it.
 
     Raises:
         ParameterError: neither.
@@ -97,9 +102,9 @@ def velocities(given: list[str] | None) -> dict[str, float] | float | None:
         try:
             value = float(number)
         except ValueError:
-            raise ParameterError(f"--velocity {word}: wanted RAD_S or JOINT=RAD_S") from None
+            raise ParameterError(f"{option} {word}: wanted {unit} or JOINT={unit}") from None
         if not joint and len(words) > 1:
-            raise ParameterError("--velocity: one number for all joints, or JOINT=RAD_S for some")
+            raise ParameterError(f"{option}: one number for all joints, or JOINT={unit} for some")
         if not joint:
             return value
         named[joint] = value
