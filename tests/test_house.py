@@ -37,6 +37,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "safetensors": ("s3le/learn/artifact.py", "s3le/retarget/encoder.py"),
     "polars": (
         "s3le/store/",
+        "s3le/guard/table.py",
         "s3le/human/tables.py",
         "s3le/learn/table.py",
         "s3le/retarget/table.py",
@@ -72,6 +73,7 @@ APART = [
     ("s3le/safety/", {"torch", "matplotlib"}),
     ("s3le/search/", {"torch", "matplotlib"}),
     ("s3le/plan/", {"torch", "matplotlib", "ray"}),
+    ("s3le/guard/", {"torch", "matplotlib"}),
     ("s3le/human/", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
     ("s3le/report/", {"torch", "pinocchio", "coal"}),
     ("s3le/tuples/", {"torch", "matplotlib"}),

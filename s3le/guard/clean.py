@@ -1,7 +1,7 @@
-"""One motion: what is broken in it, the nearest motion that holds, and the proof of what is written.
+"""One motion: what is broken in it, the nearest that holds, and the proof of what is written.
 
-Planning has the first word and no say: a motion holds if the audit (s3le/safety/audit.py) says so
-of the very numbers that will lie in the file. A motion of which it says so at once is left as it is.
+Planning has the first word and no say: a motion holds if the audit (s3le/safety/audit.py) says
+so of the very numbers that will lie in the file. One of which it says so at once is left alone.
 """
 
 from collections.abc import Callable
@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from s3le.errors import CertificateError, ParameterError, S3leError
+from s3le.errors import CertificateError, S3leError
 from s3le.guard import moved, sense
 from s3le.guard.claim import Claim, with_reserve
-from s3le.guard.layouts import Episode, Layout
+from s3le.guard.layouts.episode import Episode, Layout
+from s3le.motion.trajectory import BETWEEN
 from s3le.plan.limits import limits
 from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner
 from s3le.robot.robot import Robot
@@ -55,10 +56,23 @@ class Guard:
         self._planner: Planner | None = None
 
     def check(
-        self, time: np.ndarray, q: np.ndarray, progress: Progress | None = None
+        self, episode: Episode, q: np.ndarray, progress: Progress | None = None
     ) -> audit.Report:
-        """The audit of a motion, accelerations included."""
-        return audit.audit(self.robot, time, q, self.demands, progress=progress)
+        """The audit of a motion, accelerations included.
+
+        Rows that lie between two frames by their mode are held to what the path is, as in
+        `s3le audit`, unless they are others than in the file.
+
+        Args:
+            episode: as it was read.
+            q: [rad], (m, n), as it is or will be written.
+            progress: called with numbers of further rows done, 2 m - 1 in all.
+        """
+        at_rows = None
+        if episode.mode is not None:
+            between = (episode.mode == BETWEEN) & (q == episode.q).all(axis=1)
+            at_rows = np.where(between, self.demands.margin_between, self.demands.margin)
+        return audit.audit(self.robot, episode.time, q, self.demands, at_rows, progress)
 
     def survey(self, layout: Layout, degrees: bool, progress: Progress | None = None) -> Cleaned:
         """Look at a file without planning: as clean, but what is broken stays so.
@@ -67,7 +81,7 @@ class Guard:
             TrajectoryError: its angles cannot be this robot's.
         """
         notes = self._refuse(layout, degrees)
-        reports = [self.check(one.time, one.q, progress) for one in layout.episodes]
+        reports = [self.check(one, one.q, progress) for one in layout.episodes]
         summary = self._summary(layout, notes, reports)
         return Cleaned([None] * len(reports), summary | {"holds": all(r.holds for r in reports)})
 
@@ -86,8 +100,7 @@ class Guard:
         notes = self._refuse(layout, degrees)
         made = []
         for one in layout.episodes:
-            name = f"{layout.path}" + (f", {one.name}" if len(layout.episodes) > 1 else "")
-            made.append(self.nearest(name, one, layout.as_written, progress))
+            made.append(self.nearest(one, progress))
             notes += self._said(one, made[-1], len(layout.episodes) > 1)
         reports = [one.after for one in made]
         how = np.concatenate([one.how for one in made])
@@ -112,24 +125,18 @@ class Guard:
         ]
         return Cleaned(q, summary)
 
-    def nearest(
-        self,
-        name: str,
-        episode: Episode,
-        as_written: Callable[[np.ndarray], np.ndarray],
-        progress: Progress | None = None,
-    ) -> Made:
+    def nearest(self, episode: Episode, progress: Progress | None = None) -> Made:
         """The nearest motion that holds as it will be written.
 
         Raises:
             CertificateError: none was found.
         """
-        time, wanted = episode.time, episode.q
-        before = self.check(time, wanted, progress)
+        name, time, wanted = episode.name, episode.time, episode.q
+        before = self.check(episode, wanted, progress)
         m = len(time)
         if before.holds:
             if progress:
-                progress(work(m) - (2 * m - 1))
+                progress(work(m) - looks(m))
             return Made(wanted, before, before, np.full(m, WANTED, np.uint8), 0.0)
         step = float(np.diff(time).min()) if m > 1 else 1.0
         reserve, grain, why = 0.0, 0.0, ""
@@ -137,14 +144,18 @@ class Guard:
             try:
                 plan = self._plan(time, wanted, reserve, step)
             except S3leError as refusal:
-                tail = f" (with a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
+                tail = (
+                    f" (with a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
+                )
                 raise CertificateError(f"{name}: {refusal}{tail}") from None
-            written = as_written(plan.q)
+            written = episode.as_written(plan.q)
             if progress and not turn:
                 progress(m)
-            after = self.check(time, written, None if turn else progress)
+            after = self.check(episode, written, None if turn else progress)
             if after.holds:
-                how = np.where((written == wanted).all(axis=1), WANTED, np.maximum(plan.how, PLANNED))
+                how = np.where(
+                    (written == wanted).all(axis=1), WANTED, np.maximum(plan.how, PLANNED)
+                )
                 return Made(written, before, after, how.astype(np.uint8), reserve)
             why = after.complaint
             grain = max(grain, float(np.abs(written - plan.q).max()))
@@ -156,11 +167,15 @@ class Guard:
             + (f"; the file rounds angles by {grain:.2g} rad" if grain > 0.0 else "")
         )
 
-    def warm_up(self) -> None:
-        """Compile what a motion needs, or read it from the store; at first this takes minutes."""
-        self._planned(0.0, 1.0).warm_up()
-        q = np.tile(self.robot.anchor, (3, 1))
-        self.check(np.arange(3) / 30.0, q)
+    def warm_up(self, planning: bool = True) -> None:
+        """Compile what a motion needs, or read it from the store; at first this takes minutes.
+
+        Args:
+            planning: False: motions are only looked at.
+        """
+        if planning:
+            self._planned(0.0, 1.0).warm_up()
+        audit.audit(self.robot, np.arange(3.0), np.tile(self.robot.anchor, (3, 1)), self.demands)
 
     def _plan(self, time: np.ndarray, wanted: np.ndarray, reserve: float, step: float):
         return self._planned(reserve, step).plan(time, wanted)
@@ -176,10 +191,7 @@ class Guard:
         several = len(layout.episodes) > 1
         notes: list[str] = []
         for one in layout.episodes:
-            name = f"{layout.path}" + (f", {one.name}" if several else "")
-            if not len(one.time):
-                raise ParameterError(f"{name}: holds no rows")
-            said = sense.refuse_foreign(name, self.robot, one.q, degrees)
+            said = sense.refuse_foreign(one.name, self.robot, one.q, degrees)
             said += sense.jumps(self.robot, one.time, one.q, self._most)
             notes += [f"{one.name}: {note}" if several else note for note in [*one.notes, *said]]
         return notes
@@ -226,9 +238,16 @@ class Guard:
             "proven": rows - len(reports),
             "bound_m": float(np.min(bounds)) if bounds else None,
         }
-        whole["covers"] = "watched pairs of the modelled capsules on straight joint paths, " \
+        whole["covers"] = (
+            "watched pairs of the modelled capsules on straight joint paths, "
             "accelerations as second differences of rows; no dynamics, no tracking error"
+        )
         return whole | {"holds": all(report.holds for report in reports)}
+
+
+def looks(rows: int) -> int:
+    """Rows that `check` tells its progress of, for an episode of so many."""
+    return 2 * rows - 1
 
 
 def work(rows: int) -> int:

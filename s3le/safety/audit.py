@@ -131,9 +131,7 @@ def _by_joint(
 ) -> np.ndarray:
     """A limit for each joint, those that are given in place of the others."""
     names = robot.joint_names
-    for joint, value in (
-        given if isinstance(given, dict) else dict.fromkeys(names, given)
-    ).items():
+    for joint, value in (given if isinstance(given, dict) else dict.fromkeys(names, given)).items():
         if joint not in names:
             raise ParameterError(f"{what} names '{joint}'; joints: {', '.join(names)}")
         if value is None:
