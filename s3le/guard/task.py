@@ -117,12 +117,13 @@ def encode(found: Cleaned | Refusal) -> bytes:
     """What was found as bytes."""
     if isinstance(found, Refusal):
         tree: dict[str, Any] = {"refusal": found._asdict()}
-        arrays = {}
+        arrays: dict[str, Any] = {}
     else:
         tree = {"summary": found.summary, "episodes": len(found.q)}
         arrays = {f"q{i}": q for i, q in enumerate(found.q) if q is not None}
     sink = io.BytesIO()
-    np.savez(sink, about=np.array(json.dumps(tree, allow_nan=False)), **arrays)
+    arrays["about"] = np.array(json.dumps(tree, allow_nan=False))
+    np.savez(sink, allow_pickle=False, **arrays)
     return sink.getvalue()
 
 
