@@ -86,4 +86,5 @@ def jumps(robot: Robot, time: np.ndarray, q: np.ndarray, most: Limits) -> list[s
             + (" (a full turn: an angle that was wrapped?)" if turn else "")
         )
     more = f", and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
-    return [f"{len(rows)} jumps, planned over: {', '.join(said)}{more}"]
+    count = "one jump" if len(rows) == 1 else f"{len(rows)} jumps"
+    return [f"{count}, planned over: {', '.join(said)}{more}"]
