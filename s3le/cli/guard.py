@@ -224,11 +224,15 @@ def _broken(said: dict[str, Any]) -> str:
 
 def _details(said: dict[str, Any]) -> list[str]:
     """The worst place of each kind that was broken, the joints that moved, what holds now."""
+    from s3le.guard.table import broken
+
     several = said["episodes"] > 1
     lines = [
         f"    {kind}: {(one['episode'] + ', ') if several else ''}{one['says']}"
         for kind, one in (
-            (kind, check["worst"][0]) for kind, check in said["before"].items() if check["worst"]
+            (kind, said["before"][kind]["worst"][0])
+            for kind, count in broken(said["before"]).items()
+            if count
         )
     ]
     if joints := said.get("moved", {}).get("joints"):

@@ -101,7 +101,7 @@ class Guard:
         made = []
         for one in layout.episodes:
             made.append(self.nearest(one, progress))
-            notes += self._said(one, made[-1], len(layout.episodes) > 1)
+            notes += [_named(layout, one, note) for note in self._said(one, made[-1])]
         reports = [one.after for one in made]
         how = np.concatenate([one.how for one in made])
         summary = self._summary(layout, notes, [one.before for one in made])
@@ -115,7 +115,7 @@ class Guard:
                 "driven": int((how == DRIVEN).sum()),
             },
             "reserve_rad": max(one.reserve for one in made),
-            "after": _merged(layout.episodes, reports),
+            "after": _merged(layout, reports),
             "certificate": self._certificate(reports),
             "holds": all(report.holds for report in reports),
         }
@@ -188,23 +188,21 @@ class Guard:
         return self._planner
 
     def _refuse(self, layout: Layout, degrees: bool) -> list[str]:
-        several = len(layout.episodes) > 1
         notes: list[str] = []
         for one in layout.episodes:
             said = sense.refuse_foreign(one.name, self.robot, one.q, degrees)
             said += sense.jumps(self.robot, one.time, one.q, self._most)
-            notes += [f"{one.name}: {note}" if several else note for note in [*one.notes, *said]]
+            notes += [_named(layout, one, note) for note in [*one.notes, *said]]
         return notes
 
-    def _said(self, one: Episode, made: Made, several: bool) -> list[str]:
+    def _said(self, one: Episode, made: Made) -> list[str]:
         """What a person should know about the first row, from which a robot would begin."""
         at = made.before.clearance[0]
         if at >= self.demands.margin:
             return []
         by = float(np.rad2deg(np.abs(made.q[0] - one.q[0]).max()))
         return [
-            (f"{one.name}: " if several else "")
-            + f"its first row keeps {at * 1e3:.2f} mm; it is moved by {by:.2f} deg, and is not "
+            f"its first row keeps {at * 1e3:.2f} mm; it is moved by {by:.2f} deg, and is not "
             "where a robot that stands as the file says would begin"
         ]
 
@@ -223,7 +221,7 @@ class Guard:
             "frames": sum(report.rows for report in before),
             "seconds": sum(report.seconds for report in before),
             "notes": notes,
-            "before": _merged(layout.episodes, before),
+            "before": _merged(layout, before),
         }
 
     def _certificate(self, reports: list[audit.Report]) -> dict[str, Any]:
@@ -255,14 +253,26 @@ def work(rows: int) -> int:
     return 5 * rows - 2
 
 
-def _merged(episodes: list[Episode], reports: list[audit.Report]) -> dict[str, Any]:
+def _short(layout: Layout, episode: Episode) -> str:
+    """What an episode is called within its file; empty where it is the only one."""
+    if len(layout.episodes) == 1:
+        return ""
+    return episode.name.removeprefix(str(layout.path)).removeprefix(", ")
+
+
+def _named(layout: Layout, episode: Episode, note: str) -> str:
+    name = _short(layout, episode)
+    return f"{name}: {note}" if name else note
+
+
+def _merged(layout: Layout, reports: list[audit.Report]) -> dict[str, Any]:
     """The checks of all episodes together: how many, and the worst places."""
     found: dict[str, Any] = {}
     for number, checks in enumerate(zip(*(report.checks for report in reports), strict=True)):
         name = checks[0].name
         worst = [
-            (_badness(name, one), episode.name, one)
-            for episode, check in zip(episodes, checks, strict=True)
+            (_badness(name, one), _short(layout, episode), one)
+            for episode, check in zip(layout.episodes, checks, strict=True)
             if check.broken
             for one in check.worst
         ]
