@@ -46,10 +46,9 @@ def interpret(
     Raises:
         TrajectoryError: no angles, no names for them, no time or rate, or what make refuses.
     """
-    found, of_joints = angles(name, table), named(name, table, joints)
-    if found:
-        key, q = found
-        names, q = _columns(name, key, q, of_joints)
+    key, of_joints = angles(name, table), named(name, table, joints)
+    if key is not None:
+        names, q = _columns(name, key, _numbers(name, key, table[key]), of_joints)
     else:
         skip = {*TIMES, *RATES, *STEPS, *NUMBERING, *NAMES, HEADING, CLEARANCE, MODE}
         names = [key for key in table if key.lower() not in skip]
@@ -74,18 +73,18 @@ def interpret(
     return make(name, names, time, q, clear, how, about, first, row_is, turned)
 
 
-def angles(name: str, table: Mapping[str, np.ndarray]) -> Found:
-    """The one array that holds all joints, if there is one: its key, and its numbers (n, width).
+def angles(name: str, table: Mapping[str, np.ndarray]) -> str | None:
+    """What the one array (n, width) that holds all joints is called, if there is one.
 
     Raises:
-        TrajectoryError: there are two, or it holds no numbers.
+        TrajectoryError: there are two.
     """
-    there = [(key, table[key]) for key in table if key.lower() in ANGLES]
-    there = [(key, value) for key, value in there if np.ndim(value) == 2]
+    there = [key for key in table if key.lower() in ANGLES and np.ndim(table[key]) == 2]
     if len(there) > 1:
-        keys = ", ".join(key for key, _ in there)
-        raise TrajectoryError(f"{name}: which of {keys} holds the joints? keep one of them")
-    return (there[0][0], _numbers(name, *there[0])) if there else None
+        raise TrajectoryError(
+            f"{name}: which of {', '.join(there)} holds the joints? keep one of them"
+        )
+    return there[0] if there else None
 
 
 def named(

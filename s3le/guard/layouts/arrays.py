@@ -62,22 +62,22 @@ def read(
         TrajectoryError: no joints, no names for them, no time or rate, or what episode refuses.
     """
     notes: list[str] = []
-    found, names = angles(name, table), named(name, table, joints)
+    key, names = angles(name, table), named(name, table, joints)
     mode = _words(table)
-    if found is None:
+    if key is None:
         keys = [key for key in table if key.lower() not in matched.KNOWN]
         some = matched.match(name, keys, robot)
         columns = {keys[i]: table[keys[i]] for i in some.joints}
-        for key, values in columns.items():
+        for one_of, values in columns.items():
             if values.ndim != 1 or len(values) != len(columns[keys[some.own[0]]]):
                 raise TrajectoryError(
-                    f"{name}: '{key}' has shape {values.shape}; wanted one number a row, or all "
+                    f"{name}: '{one_of}' has shape {values.shape}; wanted one number a row, or all "
                     f"joints in one array called {', '.join(ANGLES)}"
                 )
         place = Place(tuple(keys[i] for i in some.own), ())
         notes += matched.kept(some.strangers, "arrays")
     else:
-        key, raw = found[0], table[found[0]]
+        raw = table[key]
         if names is None and numbered:
             names, told = _numbered(name, key, raw.shape[1], robot)
             notes += told

@@ -27,7 +27,7 @@ _BEGIN = {
 }  # fmt: skip
 _SAVE = "np.savez('motion.npz', dof_pos=..., joint_names=[...], fps=...)"
 _ROUTES = {  # what is asked for and not read here -> the way round
-    **dict.fromkeys((".pt", ".pth", ".joblib", ".p", ".mat", ".json"), f"save its numbers: {_SAVE}"),
+    **dict.fromkeys((".pt", ".pth", ".p", ".joblib", ".mat", ".json"), f"save numbers: {_SAVE}"),
     **dict.fromkeys((".bag", ".mcap", ".db3"), "save its JointTrajectory or JointState as a CSV "
                     "with a column 'time' and one a joint"),
     ".bvh": "it is of a human: s3le retarget",

@@ -93,7 +93,7 @@ class LeRobotLayout:
 
     def _renew(self, part: Path, file: Path, new: Sequence[list[np.ndarray]]) -> None:
         """Put new numbers into one file of the copy."""
-        table, how = parquet.load(part / file)
+        table, how = parquet.load(self.path / file)
         key = self._feature.key
         values = np.array(numbers(self.path / file, key, table[key]))
         for one, it, columns in zip(self.episodes, self._rows, new, strict=True):
@@ -257,7 +257,11 @@ def _clock(name: str, table: pa.Table, fps: float) -> tuple[np.ndarray, list[str
 def _copy(path: Path, part: Path) -> None:
     """Copy a folder; links, as in the cache of a hub, become what they point to."""
     seen: set[str] = set()
-    for place, folders, files in os.walk(path, followlinks=True):
+
+    def fail(error: OSError) -> None:
+        raise error
+
+    for place, folders, files in os.walk(path, onerror=fail, followlinks=True):
         real = os.path.realpath(place)
         if real in seen:
             raise TrajectoryError(f"{place}: is a link in a circle")

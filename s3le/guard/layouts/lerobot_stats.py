@@ -7,7 +7,8 @@ takes its quantiles from histograms, and those of a whole set as a mean over epi
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,14 +84,18 @@ def renew_episodes(
                     values[row, at] = _number(name, joint)
             new[column] = values
         if new:
-            table = parquet.renewed(table, new)
-            replace(file, lambda to, table=table, how=how: parquet.store(table, to, how))
+            replace(file, partial(parquet.store, parquet.renewed(table, new), how=how))
 
 
 def _number(name: str, values: np.ndarray) -> Any:
     """A named number of some numbers; None: it is none of these."""
     values = np.asarray(values, float)
-    simple = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
+    simple: dict[str, Callable[..., Any]] = {
+        "min": np.min,
+        "max": np.max,
+        "mean": np.mean,
+        "std": np.std,
+    }
     if name in simple:
         return float(simple[name](values))
     if found := _QUANTILE.fullmatch(name):
