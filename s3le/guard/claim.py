@@ -10,7 +10,7 @@ from s3le.plan.settings import Settings
 from s3le.robot.robot import Robot
 from s3le.safety import audit
 
-ROOM = 0.002  # [m], clearance that planning aims at beyond the margin
+ROOM = 0.0005  # [m] beyond the margin that planning aims at; less moves less (docs/guard.md)
 _LEAST = 0.1  # share of a speed or an acceleration that a reserve must leave
 
 
@@ -106,7 +106,7 @@ def with_reserve(
             )
     margin = of.margin + reserve
     settings = Settings(
-        target=max(Settings.target, margin + ROOM),
+        target=margin + ROOM,
         between=audit.demands(robot, of.margin).margin_between + reserve,
         check=False,  # the audit does, once it is rounded
     )
