@@ -86,7 +86,7 @@ def npz_cells(path: Path) -> Cells:
         for key in arrays.files:
             one = arrays[key]
             found[f"{key}, type"] = [one.dtype.str, one.shape, one.flags.f_contiguous]
-            if key.startswith(("dof_pos", "qpos")):
+            if one.ndim == 2 and key in ("dof_pos", "qpos", "q"):
                 for column in range(one.shape[1]):
                     found[f"{key} {column}"] = _rows(one[:, column])
             else:
@@ -279,14 +279,14 @@ def lerobot(folder: Path, episodes: int = 3) -> Path:
                for key in ("frame_index", "episode_index", "index")},
         },
     }  # fmt: skip
-    stats = {}
+    row = pa.list_(pa.float32(), len(names))
     for file, inside in enumerate([list(range(episodes))[:2], list(range(episodes))[2:]]):
         if not inside:
             continue
         count = ROWS * len(inside)
         table = pa.table({
-            "observation.state": pa.array([*wide] * len(inside), pa.list_(pa.float32(), len(names))),
-            "action": pa.array([*(wide)] * len(inside), pa.list_(pa.float32(), len(names))),
+            "observation.state": pa.array([*wide] * len(inside), row),
+            "action": pa.array([*wide] * len(inside), row),
             "timestamp": np.tile(TIME, len(inside)).astype("f4"),
             "frame_index": np.tile(np.arange(ROWS), len(inside)),
             "episode_index": np.repeat(inside, ROWS),

@@ -18,7 +18,7 @@ from s3le.errors import TrajectoryError
 from s3le.guard.layouts.door import find, open_layout
 from s3le.guard.layouts.episode import GUARDED
 from s3le.guard.layouts.numbers import Numbers, decode
-from s3le.motion import files
+from s3le.motion import files, trajectory
 
 H5PY = pytest.mark.skipif(find_spec("h5py") is None, reason="no h5py")
 ALL = [pytest.param(name, marks=H5PY) if name == "hdf5" else name for name in KINDS]
@@ -223,7 +223,7 @@ def test_words_called_mode_in_a_foreign_file_are_left_alone(tmp_path):
 
 def test_a_file_that_says_it_is_of_another_robot_is_noted(tmp_path):
     its = robot("coman")
-    one = files.make("a", its.joint_names, TIME, motion("coman"), about={"robot_hash": "0"})
+    one = trajectory.make("a", its.joint_names, TIME, motion("coman"), about={"robot_hash": "0"})
     files.write(one, tmp_path / "a.npz")
     (note,) = open_layout(tmp_path / "a.npz", its).episodes[0].notes
     assert "made for robot" in note
@@ -262,10 +262,8 @@ class Trap:
 
 
 def test_a_pickle_that_would_run_something_is_refused_and_runs_nothing(tmp_path):
-    for where in (
-        {"dof_pos": Trap(tmp_path / "ran")},
-        {"dof_pos": full(), "x": Trap(tmp_path / "ran")},
-    ):
+    trap = Trap(tmp_path / "ran")
+    for where in (trap, {"dof_pos": trap}, {"dof_pos": full(), "fps": 30, "x": [trap]}):
         (tmp_path / "a.pkl").write_bytes(pickle.dumps(where))
         refused(tmp_path / "a.pkl", "wants to call 'io.open'")
     np.savez(tmp_path / "a.npz", q=full(), joint_names=joints(), fps=FPS,
@@ -307,18 +305,21 @@ def test_what_a_data_set_says_of_its_columns_follows_the_joints(tmp_path):
     assert [one.name for one in layout.episodes] == [f"{path}, episode {i}" for i in range(3)]
     wanted = [one.q for one in layout.episodes]
     wanted[1] = moved(layout.episodes[1])
+    wanted[1][20] = wanted[1].min(axis=0) - 0.01
+    wanted[1][21] = wanted[1].max(axis=0) + 0.01
+    wanted[1][:, 4:] = layout.episodes[1].q[:, 4:]
     layout.write(tmp_path / "new", wanted)
     new = open_layout(tmp_path / "new", robot())
     whole = np.concatenate([one.q for one in new.episodes])
     at = [joints().index(joint) for joint in robot().joint_names]
-    both = [at[0], at[2]]
+    both = at[:4]
     old, told = (
         json.loads((p / "meta" / "stats.json").read_text())["action"] for p in (path, new.path)
     )
     for name, by in (("min", np.min), ("max", np.max), ("mean", np.mean), ("std", np.std)):
-        assert np.allclose(np.array(told[name])[both], by(whole, axis=0)[[0, 2]], atol=1e-12)
+        assert np.allclose(np.array(told[name])[both], by(whole, axis=0)[:4], atol=1e-12)
     median = np.quantile(whole, 0.5, axis=0)
-    assert np.allclose(np.array(told["q50"])[both], median[[0, 2]], atol=1e-12)
+    assert np.allclose(np.array(told["q50"])[both], median[:4], atol=1e-12)
     for name in old:  # of joints that did not move, not a digit
         rest = [i for i in range(len(old[name])) if i not in both]
         assert repr([old[name][i] for i in rest]) == repr([told[name][i] for i in rest])
@@ -332,7 +333,7 @@ def test_what_a_data_set_says_of_its_columns_follows_the_joints(tmp_path):
         for row in (0, 2):
             assert repr(tables[0][name][row].as_py()) == repr(tables[1][name][row].as_py())
     least = tables[1]["stats/action/min"][1].as_py()
-    assert np.allclose(np.array(least)[both], new.episodes[1].q.min(axis=0)[[0, 2]], atol=1e-12)
+    assert np.allclose(np.array(least)[both], new.episodes[1].q.min(axis=0)[:4], atol=1e-12)
     # a file in which nothing moved is the old one
     for name, same in (("file-000", False), ("file-001", True)):
         one, two = (p / "data" / "chunk-000" / f"{name}.parquet" for p in (path, new.path))
@@ -511,7 +512,9 @@ def test_bad_arrays_are_refused_with_their_place(tmp_path):
     twice = [*joints()[:-1], "waist_yaw_joint_pos"]
     refused(npz(path, q=q, joint_names=twice), "'waist_yaw_joint_pos' and 'waist_yaw_joint' are")
     each = {joint: motion()[:, i] for i, joint in enumerate(robot().joint_names)}
-    refused(npz(path, **each | {"waist_yaw_joint": np.zeros(3)}), "has shape (3,)")
+    refused(
+        npz(path, **each | {"waist_yaw_joint": np.zeros(3)}), "'waist_roll_joint' has shape (40,)"
+    )
     falls = np.r_[TIME[:-1], 0.0]
     refused(npz(path, q=q, time=falls), f"row {ROWS - 1}: time 0 s comes after")
     with zipfile.ZipFile(path, "w") as archive:
