@@ -284,3 +284,45 @@ def test_one_bad_number_anywhere_is_never_certified(arms, seed, bad, at, joint):
         report = audit(arms, time, q, demands(arms, velocity=np.inf))
     assert not report.holds
     tree(report)
+
+
+def test_an_acceleration_that_is_too_high_is_found_where_it_is_asked_for(arms):
+    time, q = swaying(arms)
+    assert len(audit(arms, time, q, demands(arms)).checks) == 4
+    wanted = demands(arms, velocity=1e3, acceleration={"r_elbow": 50.0})
+    assert audit(arms, time, q, wanted).holds
+    q[21:, R_ELBOW] += 51.0 / RATE**2  # a step between rows 20 and 21
+    check = by_name(audit(arms, time, q, wanted))["accelerations"]
+    assert check.total == 38 and check.broken == 2
+    assert check.first.row == 20 and check.first.time == time[20] and check.first.what == "r_elbow"
+    assert check.worst[0].value == pytest.approx(51.0)
+    assert say("accelerations", check.first).endswith("changes speed by 51.00 rad/s^2 of 50")
+    q[21:, R_ELBOW] -= 1.01 / RATE**2
+    report = audit(arms, time, q, wanted)
+    assert report.holds and tree(report)["checks"]["accelerations"]["broken"] == 0
+    limit = certificate(arms, wanted, report)["acceleration_rad_s2"]
+    assert limit["r_elbow"] == 50.0 and limit["l_elbow"] is None
+
+
+def test_accelerations_of_uneven_rows_are_changes_of_speed_over_the_mean_step(arms):
+    time = np.array([0.0, 0.1, 0.4, 0.5])
+    q = np.repeat(arms.anchor[None], 4, 0)
+    q[:, R_ELBOW] += [0.0, 0.02, 0.14, 0.15]  # 0.2, 0.4, 0.1 rad/s
+    wanted = demands(arms, acceleration=1e-3)
+    check = by_name(audit(arms, time, q, wanted))["accelerations"]
+    assert [one.row for one in check.worst] == [2]  # of a run of neighbours the worst
+    assert check.worst[0].value == pytest.approx(0.3 / 0.2)
+    assert check.first.row == 1 and check.first.value == pytest.approx(0.2 / 0.2)
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_so_few_rows_have_no_acceleration(arms, rows):
+    q = np.repeat(arms.anchor[None], rows, 0)
+    report = audit(arms, np.arange(rows) / RATE, q, demands(arms, acceleration=1.0))
+    assert report.holds and by_name(report)["accelerations"].total == 0
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan])
+def test_no_acceleration_at_all_is_refused(arms, bad):
+    with pytest.raises(ParameterError, match=r"acceleration of \w+ must be above 0"):
+        demands(arms, acceleration=bad)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import socket
 import subprocess
 import sys
@@ -24,7 +25,7 @@ from s3le.errors import ParameterError, RobotError
 from s3le.human.keypoints.how import AXES, recorded
 from s3le.human.keypoints.layouts import LAYOUTS
 from s3le.kernels import batch
-from s3le.motion import files, trajectory
+from s3le.motion import files, trajectory, whole
 from s3le.show import motions as scenes
 
 ROOT = Path(__file__).parents[1]
@@ -81,7 +82,9 @@ def waving(frames=12):
 # --- help
 
 
-@pytest.mark.parametrize("command", [None, "audit", "render", "retarget", "stream", "view"])
+@pytest.mark.parametrize(
+    "command", [None, "audit", "guard", "render", "retarget", "stream", "view"]
+)
 def test_help_teaches_by_example(command):
     said = run(*([command] if command else []), "--help")
     assert said.exit_code == 0
@@ -205,6 +208,22 @@ def test_rows_between_frames_are_held_to_what_the_path_keeps_unless_told_otherwi
     assert run("audit", tmp_path / "b.parquet", *ROBOT).exit_code == shell.BROKEN
 
 
+def test_layouts_of_other_tools_are_audited_motion_by_motion(tmp_path):
+    q, names = motion().q, whole.joints(coman()).depth_first
+    full = np.zeros((len(q), len(names)))
+    for i, joint in enumerate(coman().joint_names):
+        full[:, names.index(joint)] = q[:, i]
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"dof_pos": full, "fps": 30}))
+    said = run("audit", tmp_path / "a.pkl", *ROBOT)
+    assert said.exit_code == shell.OK and "CERTIFIED" in said.output
+    assert "note: dof_pos has no names" in said.output
+    (tmp_path / "b.pkl").write_bytes(pickle.dumps({"dof_pos": full * 9.0, "fps": 30}))
+    said = run("audit", tmp_path / "b.pkl", tmp_path, *ROBOT, "--json")
+    assert said.exit_code == shell.UNREADABLE
+    told = json.loads(said.stdout)["files"]
+    assert not told[0]["holds"] and "no LeRobot data set" in told[1]["unreadable"]
+
+
 def test_in_a_process_of_its_own(good, bad, tmp_path):
     said = alone("audit", good, bad, *ROBOT, "--velocity", "inf")
     assert said.returncode == shell.BROKEN and "NOT CERTIFIED" in said.stdout
@@ -230,10 +249,11 @@ def test_a_robot_is_a_folder_a_file_or_a_name(tmp_path, monkeypatch):
 
 
 def test_velocity_words():
-    assert shell.velocities(None) is None and shell.velocities(["3"]) == 3.0
-    assert shell.velocities(["a=1", "b=2e0"]) == {"a": 1.0, "b": 2.0}
+    assert shell.by_joint(None, "--velocity", "RAD_S") is None
+    assert shell.by_joint(["3"], "--velocity", "RAD_S") == 3.0
+    assert shell.by_joint(["a=1", "b=2e0"], "--velocity", "RAD_S") == {"a": 1.0, "b": 2.0}
     with pytest.raises(ParameterError, match="RAD_S or JOINT=RAD_S"):
-        shell.velocities(["a="])
+        shell.by_joint(["a="], "--velocity", "RAD_S")
 
 
 # --- retarget

@@ -25,6 +25,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "coal": ("s3le/robot/", "s3le/onboard/", "s3le/show/visual.py"),
     "scipy": ("s3le/onboard/",),
     "numba": ("s3le/kernels/", "s3le/safety/", "s3le/search/", "s3le/retarget/", "s3le/plan/"),
+    "h5py": ("s3le/guard/layouts/hdf5.py",),
     "pooch": ("s3le/human/fetch.py",),
     "requests": ("s3le/human/fetch.py",),
     "torch": (
@@ -37,6 +38,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "safetensors": ("s3le/learn/artifact.py", "s3le/retarget/encoder.py"),
     "polars": (
         "s3le/store/",
+        "s3le/guard/table.py",
         "s3le/human/tables.py",
         "s3le/learn/table.py",
         "s3le/retarget/table.py",
@@ -47,6 +49,8 @@ ROOM_OF = {  # a heavy dependency lives in one room
     "pyarrow": (
         "s3le/store/tables.py",
         "s3le/motion/parquet.py",
+        "s3le/guard/layouts/parquet.py",
+        "s3le/guard/layouts/lerobot.py",
         "s3le/human/points_parquet.py",
     ),
     "matplotlib": ("s3le/report/", "s3le/show/"),
@@ -72,6 +76,7 @@ APART = [
     ("s3le/safety/", {"torch", "matplotlib"}),
     ("s3le/search/", {"torch", "matplotlib"}),
     ("s3le/plan/", {"torch", "matplotlib", "ray"}),
+    ("s3le/guard/", {"torch", "matplotlib"}),
     ("s3le/human/", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
     ("s3le/report/", {"torch", "pinocchio", "coal"}),
     ("s3le/tuples/", {"torch", "matplotlib"}),
@@ -79,6 +84,8 @@ APART = [
     ("s3le/retarget/", {"torch", "matplotlib", "ray"}),
     ("s3le/learn/training.py", {"numba", "pinocchio", "coal", "polars", "matplotlib"}),
     ("s3le/motion/", {"torch", "matplotlib"}),
+    ("s3le/guard/layouts/", {"torch", "numba", "matplotlib", "ray"}),
+    ("s3le/inert/", {"torch", "numba", "pinocchio", "coal", "matplotlib", "polars", "pyarrow"}),
     ("s3le/show/", {"torch"}),
     ("s3le/show/viewer/", {"torch", "ray", "av"}),
     ("s3le/video/", {"torch", "numba", "pinocchio", "coal", "matplotlib", "viser"}),

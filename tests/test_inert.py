@@ -17,9 +17,10 @@ import pytest
 from test_keypoints import same, save
 
 from s3le.errors import ClipError
-from s3le.human.keypoints import inert, inert_names, tensors
+from s3le.human.keypoints import tensors
 from s3le.human.keypoints.how import How
 from s3le.human.read import read_clip
+from s3le.inert import names, pickles
 from s3le.skeleton import features
 
 BODY = bodies.body()
@@ -52,7 +53,7 @@ def test_data_comes_out_as_it_went_in(protocol):
         one=np.float32(0.1), bits=np.array([True, False]), large=np.arange(70_000, dtype="u1"),
         nested={"a": {1: (1, (2, (3, (4, 5))))}}, order=np.asfortranarray(np.eye(3)),
     )  # fmt: skip
-    made = inert.load("a.pkl", pickle.dumps(tree, protocol))
+    made = pickles.load("a.pkl", pickle.dumps(tree, protocol))
     want = dict(tree, one=float(np.float32(0.1)))
     assert equal(made, want)
 
@@ -60,7 +61,7 @@ def test_data_comes_out_as_it_went_in(protocol):
 def test_what_is_shared_stays_shared_and_a_list_may_hold_itself():
     own = [1]
     own.append(own)
-    made = inert.load("a", pickle.dumps({"a": own, "b": own}))
+    made = pickles.load("a", pickle.dumps({"a": own, "b": own}))
     assert made["a"] is made["b"] and made["a"][1] is made["a"]
 
 
@@ -212,9 +213,9 @@ def test_indices_of_the_memory_and_keys_that_are_long_to_hash_cost_little():
             (b"}(" + laughs[2:] + b"K\x01u.", "keys that are neither words nor whole numbers"),
         ):
             with pytest.raises(ClipError, match=why):
-                inert.load("a", data)
+                pickles.load("a", data)
         for data in (b"Nr\xff\xff\xff\x7f.", b"Np2147483647\n."):
-            assert inert.load("a", data) is None  # Python's own takes gigabytes for it
+            assert pickles.load("a", data) is None  # Python's own takes gigabytes for it
         assert tracemalloc.get_traced_memory()[1] < 1 << 20
     finally:
         tracemalloc.stop()
@@ -278,7 +279,7 @@ def test_a_torch_file_that_is_not_numbers_is_refused_and_never_run(
 
 def test_a_frame_that_ends_elsewhere_than_its_instructions_is_refused():
     good = estimators.wham(bodies.pose())
-    assert inert.load("a", good)[3]["pose_world"].shape == (12, 72)
+    assert pickles.load("a", good)[3]["pose_world"].shape == (12, 72)
     plain = pickle.dumps({"joints": list(range(300))}, 4)
     for data, offs in ((good, (-3, 1, 5)), (plain, (-4, 1, 5))):  # within an instruction, beyond
         at = data.index(b"\x95")
@@ -286,7 +287,7 @@ def test_a_frame_that_ends_elsewhere_than_its_instructions_is_refused():
         for off in offs:
             wrong = data[: at + 1] + (size + off).to_bytes(8, "little") + data[at + 9 :]
             with pytest.raises(ClipError, match="in two frames|in a frame|a frame of it is cut"):
-                inert.load("a", wrong)
+                pickles.load("a", wrong)
 
 
 def test_a_torch_archive_that_is_none_is_refused(tmp_path, monkeypatch):
@@ -331,15 +332,15 @@ def test_what_is_named_often_is_made_once(tmp_path):
     torch += b"ctorch.storage\n_load_from_bytes\nh\0\x85Ra" * 2000 + b"."
     tracemalloc.start()
     try:
-        storages = inert.load("a", torch)
+        storages = pickles.load("a", torch)
         assert len(storages) == 2000 and storages[0].shape == (big // 4,)
-        assert len(inert.load("a", held)) == 2000
-        assert len(inert.load("a", array + b".")) == 2001
+        assert len(pickles.load("a", held)) == 2000
+        assert len(pickles.load("a", array + b".")) == 2001
         with pytest.raises(ClipError, match="keys that are neither"):
-            inert.load("a", number)
+            pickles.load("a", number)
         laughs = doubled(40)  # in the place of a dtype's name
         with pytest.raises(ClipError, match="which is not numbers"):
-            inert.load("a", laughs[:-1] + b"e0cnumpy\ndtype\n(h\x28tR.")
+            pickles.load("a", laughs[:-1] + b"e0cnumpy\ndtype\n(h\x28tR.")
         assert tracemalloc.get_traced_memory()[1] < 10 * big
     finally:
         tracemalloc.stop()
@@ -427,8 +428,8 @@ def test_frankmocaps_frames_are_a_clip_with_gaps_where_nobody_was(tmp_path, prot
 
 
 def test_frankmocaps_tensors_stay_closed():
-    made = inert.load("a", b"}(U\x10img_cropped_norm" + TENSOR + b"U\x01aK\x01u.")
-    assert made == {"img_cropped_norm": inert_names.CLOSED, "a": 1}
+    made = pickles.load("a", b"}(U\x10img_cropped_norm" + TENSOR + b"U\x01aK\x01u.")
+    assert made == {"img_cropped_norm": names.CLOSED, "a": 1}
 
 
 def test_frankmocaps_people_and_other_files_are_told_apart(tmp_path):

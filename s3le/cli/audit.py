@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -10,13 +10,19 @@ from s3le.cli import options, shell
 from s3le.errors import S3leError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from s3le.robot.robot import Robot
     from s3le.safety.audit import Check, Demands, Report
 
 
 def audit(
     files: Annotated[
-        list[Path], typer.Argument(help=".parquet, .csv, .npz or .npy", show_default=False)
+        list[Path],
+        typer.Argument(
+            help=".parquet, .csv, .npz, .npy, GMR's .pkl, .h5, or a LeRobot folder",
+            show_default=False,
+        ),
     ],
     robot: Annotated[
         str | None,
@@ -45,6 +51,13 @@ def audit(
             show_default="the URDF's",
         ),
     ] = None,
+    acceleration: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Limit of all joints [rad/s^2], or JOINT=LIMIT, several times.",
+            show_default="not looked at",
+        ),
+    ] = None,
     fps: Annotated[
         float | None,
         typer.Option(help="Rows per second [Hz].", show_default="the file's times or rate"),
@@ -65,7 +78,7 @@ def audit(
     \b
     s3le audit walk.parquet
     s3le audit dance.csv --robot coman --fps 30
-    s3le audit gmr.npz --margin 0.005 --velocity 9.4
+    s3le audit gmr.pkl --margin 0.005 --velocity 9.4
     s3le audit out/*.parquet --json > audit.json
 
     Exit status: 0 if everything holds, 1 if something does not or could not be decided, 2 if a
@@ -80,27 +93,26 @@ def audit(
             its,
             margin,
             margin_between,
-            shell.velocities(velocity),
+            shell.by_joint(velocity, "--velocity", "RAD_S"),
             BUDGET if budget is None else budget,
+            shell.by_joint(acceleration, "--acceleration", "RAD_S2"),
         )
         named = shell.names(joints)
         told: list[dict[str, Any]] = []
         status = shell.OK
         for path in files:
             try:
-                report, notes = _one(
-                    path, its, wanted, fps, named, degrees, every=margin is not None
-                )
+                for one in _motions(path, its, fps, named, degrees):
+                    report, notes = _one(one, its, wanted, every=margin is not None)
+                    if not report.holds:
+                        status = max(status, shell.BROKEN)
+                    told.append({"file": one.name, "notes": notes, **library.tree(report)})
+                    if not as_json:
+                        typer.echo("\n".join([*_lines(one.name, its, wanted, report, notes), ""]))
             except S3leError as refusal:
                 shell.complain(refusal)
                 told.append({"file": str(path), "unreadable": str(refusal)})
                 status = shell.UNREADABLE
-                continue
-            if not report.holds:
-                status = max(status, shell.BROKEN)
-            told.append({"file": str(path), "notes": notes, **library.tree(report)})
-            if not as_json:
-                typer.echo("\n".join([*_lines(path, its, wanted, report, notes), ""]))
         if as_json:
             certificate = {
                 "robot": its.name,
@@ -117,52 +129,70 @@ def audit(
     raise typer.Exit(status)
 
 
-def _one(
-    path: Path,
-    robot: "Robot",
-    wanted: "Demands",
-    fps: float | None,
-    joints: list[str] | None,
-    degrees: bool,
-    every: bool,
-) -> "tuple[Report, list[str]]":
-    """Audit one file; every: the margin of poses is asked of rows between two frames too."""
-    import numpy as np
+class _Motion(NamedTuple):
+    """A motion to be audited, of a file or one of several in it."""
 
+    name: str
+    time: "np.ndarray"
+    q: "np.ndarray"
+    mode: "np.ndarray | None"
+    notes: list[str]
+
+
+def _motions(
+    path: Path, robot: "Robot", fps: float | None, joints: list[str] | None, degrees: bool
+) -> list[_Motion]:
+    """The motions of a file or a folder."""
+    from s3le.guard.layouts import door
     from s3le.motion import files
     from s3le.motion.fit import fit
+
+    kind = path.suffix.lower()
+    if path.is_dir() or (kind in door.KNOWN and kind not in files.READ):
+        layout = door.open_layout(path, robot, fps=fps, joints=joints, degrees=degrees)
+        return [_Motion(e.name, e.time, e.q, e.mode, e.notes) for e in layout.episodes]
+    one, notes = fit(files.read(path, fps, joints), robot, degrees)
+    return [_Motion(str(path), one.time, one.q, one.mode, notes)]
+
+
+def _one(
+    motion: _Motion, robot: "Robot", wanted: "Demands", every: bool
+) -> "tuple[Report, list[str]]":
+    """Audit one motion; every: the margin of poses is asked of rows between two frames too."""
+    import numpy as np
+
     from s3le.motion.trajectory import BETWEEN
     from s3le.safety import audit as library
 
-    trajectory, notes = fit(files.read(path, fps, joints), robot, degrees)
-    at_rows = None
-    if trajectory.mode is not None and not every:
-        between = trajectory.mode == BETWEEN
+    at_rows, notes = None, motion.notes
+    if motion.mode is not None and not every:
+        between = motion.mode == BETWEEN
         at_rows = np.where(between, wanted.margin_between, wanted.margin)
         if between.any():
-            notes.append(
+            notes = [
+                *notes,
                 f"{between.sum()} rows lie between two frames by their mode and are held to "
-                f"{wanted.margin_between * 1e3:g} mm, as the path is; --margin asks it of every row"
-            )
-    with shell.bar(2 * len(trajectory.time) - 1, path.name) as progress:
-        report = library.audit(
-            robot, trajectory.time, trajectory.q, wanted, at_rows, progress=progress
-        )
+                f"{wanted.margin_between * 1e3:g} mm, as the path is; --margin asks it of every "
+                "row",
+            ]
+    with shell.bar(2 * len(motion.time) - 1, Path(motion.name).name) as progress:
+        report = library.audit(robot, motion.time, motion.q, wanted, at_rows, progress=progress)
     return report, notes
 
 
 def _lines(
-    path: Path, robot: "Robot", wanted: "Demands", report: "Report", notes: list[str]
+    name: str, robot: "Robot", wanted: "Demands", report: "Report", notes: list[str]
 ) -> list[str]:
     from s3le.safety.audit import say
 
     lines = [
-        f"{path}: {report.rows} poses, {report.seconds:.3f} s, robot {robot.name} {robot.digest}",
+        f"{name}: {report.rows} poses, {report.seconds:.3f} s, robot {robot.name} {robot.digest}",
         *(f"  note: {note}" for note in notes),
     ]
     asked = {
         "limits": "joint ranges",
         "velocities": "joint speeds",
+        "accelerations": "joint accelerations",
         "poses": f"poses at least {wanted.margin * 1e3:g} mm clear",
         "paths": f"paths at least {wanted.margin_between * 1e3:g} mm clear, proven",
     }

@@ -2,7 +2,7 @@
 
 import typer
 
-from s3le.cli import audit, render, retarget, robot, stream, video, view
+from s3le.cli import audit, guard, render, retarget, robot, stream, video, view
 from s3le.cli.shell import guarded
 
 app = typer.Typer(
@@ -17,6 +17,7 @@ app = typer.Typer(
 app.command("retarget", short_help="Motion files in, certified motions out.")(retarget.retarget)
 app.command("video", short_help="Plain videos in, skeletons for retarget out.")(video.video)
 app.command("audit", short_help="Check any trajectory, pose by pose and between.")(audit.audit)
+app.command("guard", short_help="Joint motions in, the nearest certified ones out.")(guard.guard)
 app.command("view", short_help="Look at motions in a browser.")(view.view)
 app.command("render", short_help="Motions as a strip of pictures or a film.")(render.render)
 app.command("stream", short_help="A live human in, a certified robot out.")(stream.stream)

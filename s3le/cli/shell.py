@@ -84,8 +84,13 @@ def robot(given: str | None, margin: float | None = None) -> "Robot":
     return Robot.load(given, MARGIN if margin is None else min(margin, MARGIN))
 
 
-def velocities(given: list[str] | None) -> dict[str, float] | float | None:
-    """What `--velocity` says: one limit for all joints, or JOINT=LIMIT, several times [rad/s].
+def by_joint(given: list[str] | None, option: str, unit: str) -> dict[str, float] | float | None:
+    """What an option says of joints: one number for all, or JOINT=NUMBER, several times.
+
+    Args:
+        given: the words behind the option.
+        option: its name, for a refusal.
+        unit: of the numbers, as the option's help calls it.
 
     Raises:
         ParameterError: neither.
@@ -97,9 +102,9 @@ def velocities(given: list[str] | None) -> dict[str, float] | float | None:
         try:
             value = float(number)
         except ValueError:
-            raise ParameterError(f"--velocity {word}: wanted RAD_S or JOINT=RAD_S") from None
+            raise ParameterError(f"{option} {word}: wanted {unit} or JOINT={unit}") from None
         if not joint and len(words) > 1:
-            raise ParameterError("--velocity: one number for all joints, or JOINT=RAD_S for some")
+            raise ParameterError(f"{option}: one number for all joints, or JOINT={unit} for some")
         if not joint:
             return value
         named[joint] = value
@@ -130,6 +135,7 @@ def retargeter(
         S3leError: see Retargeter.load and stored.retargeter_for.
     """
     from s3le.kernels import compiled
+    from s3le.plan import steps, whole
     from s3le.retarget import exported, stored
     from s3le.retarget.stream import Retargeter
 
@@ -147,7 +153,7 @@ def retargeter(
             f"the skeleton itself: {stored.folder(it)}"
         )
         return Meant(made, {"model": None} | stored.about(it), line)
-    if Path(model).is_dir() and not compiled.stored(stored.STREAM if streams else stored.FILE):
+    if Path(model).is_dir() and not compiled.stored(steps.SLOWEST if streams else whole.SLOWEST):
         typer.echo(f"compiling kernels, {_ONCE}: about a minute", err=True)
     made = Retargeter.load(model, method=method)
     own = made.robot

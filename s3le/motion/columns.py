@@ -46,10 +46,9 @@ def interpret(
     Raises:
         TrajectoryError: no angles, no names for them, no time or rate, or what make refuses.
     """
-    found, of_joints = _angles(name, table), _named(name, table, joints)
-    if found:
-        key, q = found
-        names, q = _columns(name, key, q, of_joints)
+    key, of_joints = angles(name, table), named(name, table, joints)
+    if key is not None:
+        names, q = _columns(name, key, _numbers(name, key, table[key]), of_joints)
     else:
         skip = {*TIMES, *RATES, *STEPS, *NUMBERING, *NAMES, HEADING, CLEARANCE, MODE}
         names = [key for key in table if key.lower() not in skip]
@@ -65,31 +64,40 @@ def interpret(
         if len(set(lengths.values())) > 1:
             raise TrajectoryError(f"{name}: columns are of different lengths, {lengths}"[:300])
         q = np.stack([_numbers(name, key, table[key]) for key in names], axis=1)
-    clearance, mode = _find(table, (CLEARANCE,)), _find(table, (MODE,))
-    heading = _find(table, (HEADING,))
+    clearance, mode = find(table, (CLEARANCE,)), find(table, (MODE,))
+    heading = find(table, (HEADING,))
     turned = None if heading is None else _numbers(name, *heading)
     clear = None if clearance is None else _numbers(name, *clearance)
     how = None if mode is None or mode[1].dtype.kind not in "UT" else mode[1].astype(str)
-    time = _time(name, table, len(q), fps)
+    time = clock(name, table, len(q), fps)
     return make(name, names, time, q, clear, how, about, first, row_is, turned)
 
 
-def _angles(name: str, table: Mapping[str, np.ndarray]) -> Found:
-    """The one array that holds all joints, if there is one."""
-    there = [(key, table[key]) for key in table if key.lower() in ANGLES]
-    there = [(key, value) for key, value in there if np.ndim(value) == 2]
+def angles(name: str, table: Mapping[str, np.ndarray]) -> str | None:
+    """What the one array (n, width) that holds all joints is called, if there is one.
+
+    Raises:
+        TrajectoryError: there are two.
+    """
+    there = [key for key in table if key.lower() in ANGLES and np.ndim(table[key]) == 2]
     if len(there) > 1:
-        keys = ", ".join(key for key, _ in there)
-        raise TrajectoryError(f"{name}: which of {keys} holds the joints? keep one of them")
-    return (there[0][0], _numbers(name, *there[0])) if there else None
+        raise TrajectoryError(
+            f"{name}: which of {', '.join(there)} holds the joints? keep one of them"
+        )
+    return there[0] if there else None
 
 
-def _named(
+def named(
     name: str, table: Mapping[str, np.ndarray], joints: Sequence[str] | None
 ) -> list[str] | None:
+    """Names of the array's columns: those given, else those that the file lists.
+
+    Raises:
+        TrajectoryError: what lies under one of NAMES is no list of words.
+    """
     if joints is not None:
         return list(joints)
-    found = _find(table, NAMES)
+    found = find(table, NAMES)
     if found is None:
         return None
     key, value = found
@@ -102,27 +110,42 @@ def _columns(
     name: str, key: str, q: np.ndarray, joints: list[str] | None
 ) -> tuple[list[str], np.ndarray]:
     """Names for the columns of an array, without those of a free base in front."""
+    joints, first = placed(name, key, q.shape[1], joints)
+    return joints, q[:, first:]
+
+
+def placed(name: str, key: str, width: int, joints: list[str] | None) -> tuple[list[str], int]:
+    """Names of the joints of an array, and the column of the first: a free base may stand before.
+
+    Raises:
+        TrajectoryError: there are no names, or another count than columns.
+    """
     if joints is None:
         raise TrajectoryError(
-            f"{name}: {key} has {q.shape[1]} columns without names; "
+            f"{name}: {key} has {width} columns without names; "
             "give them in order with --joints NAME,NAME,... or a file with one name a line"
         )
-    if q.shape[1] == len(joints) + ROOT:
-        return joints, q[:, ROOT:]
-    if q.shape[1] == len(joints) + ROOT - 1:  # the base counts as one joint of seven numbers
-        return joints[1:], q[:, ROOT:]
-    if q.shape[1] != len(joints):
-        raise TrajectoryError(f"{name}: {key} has {q.shape[1]} columns for {len(joints)} joints")
-    return joints, q
+    if width == len(joints) + ROOT:
+        return joints, ROOT
+    if width == len(joints) + ROOT - 1:  # the base counts as one joint of seven numbers
+        return joints[1:], ROOT
+    if width != len(joints):
+        raise TrajectoryError(f"{name}: {key} has {width} columns for {len(joints)} joints")
+    return joints, 0
 
 
-def _time(name: str, table: Mapping[str, np.ndarray], rows: int, fps: float | None) -> np.ndarray:
+def clock(name: str, table: Mapping[str, np.ndarray], rows: int, fps: float | None) -> np.ndarray:
+    """Times of rows [s], (rows,): at the rate given, else as the file tells time, rate or step.
+
+    Raises:
+        TrajectoryError: it tells none of them, or no positive number.
+    """
     if fps is not None:
         return times(rows, fps, name)
-    if found := _find(table, TIMES):
+    if found := find(table, TIMES):
         return _numbers(name, *found)
     for keys, power in ((RATES, 1), (STEPS, -1)):
-        if found := _find(table, keys):
+        if found := find(table, keys):
             value = _numbers(name, *found).ravel()
             if not len(value) or not (value == value[0]).all() or not value[0] > 0:
                 raise TrajectoryError(f"{name}: {found[0]} must be one positive number")
@@ -133,7 +156,7 @@ def _time(name: str, table: Mapping[str, np.ndarray], rows: int, fps: float | No
     )
 
 
-def _find(table: Mapping[str, np.ndarray], keys: Sequence[str]) -> Found:
+def find(table: Mapping[str, np.ndarray], keys: Sequence[str]) -> Found:
     """The first of some names, in any case, that the table has."""
     lower = {key.lower(): key for key in table}
     return next(((lower[key], table[lower[key]]) for key in keys if key in lower), None)

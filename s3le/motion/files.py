@@ -10,7 +10,7 @@ from s3le.store import documents
 from s3le.store.atomic import replace
 
 _BEGIN = {".parquet": b"PAR1", ".npz": b"PK", ".npy": b"\x93NUMPY"}
-_READ = {".parquet": parquet.read, ".npz": npz.read, ".npy": npz.read_npy, ".csv": text.read}
+READ = {".parquet": parquet.read, ".npz": npz.read, ".npy": npz.read_npy, ".csv": text.read}
 WRITTEN = (".parquet", ".csv", ".npz")
 PICKLES = (".pkl", ".pickle", ".p", ".joblib", ".pt", ".pth")
 
@@ -39,11 +39,11 @@ def read(
                 "its numbers where it was made: np.savez('motion.npz', dof_pos=..., "
                 "joint_names=[...], fps=...) (docs/files.md)"
             )
-        if kind not in _READ:
-            raise TrajectoryError(f"{path}: trajectories end in {', '.join(_READ)}")
+        if kind not in READ:
+            raise TrajectoryError(f"{path}: trajectories end in {', '.join(READ)}")
         if kind in _BEGIN and not begin.startswith(_BEGIN[kind]):
             raise TrajectoryError(f"{path}: is empty" if not begin else f"{path}: is no {kind[1:]}")
-        return _READ[kind](path, fps, joints)
+        return READ[kind](path, fps, joints)
     except OSError as error:
         raise TrajectoryError(f"{path}: {error.strerror or error}") from None
 

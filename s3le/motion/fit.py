@@ -1,6 +1,7 @@
 """A trajectory held against a robot: its joints in the robot's order, nothing silently dropped."""
 
 import re
+from collections.abc import Collection
 from dataclasses import replace
 from difflib import get_close_matches
 from math import radians
@@ -46,7 +47,7 @@ def fit(trajectory: Trajectory, robot: Geometry, degrees: bool = False) -> Fitte
     known = {*robot.joint_names, *kinds}
     at: dict[str, int] = {}
     for i, column in enumerate(trajectory.joints):
-        joint = _joint(column, known)
+        joint = joint_of(column, known)
         if joint is None:
             continue
         if joint in at:
@@ -58,7 +59,7 @@ def fit(trajectory: Trajectory, robot: Geometry, degrees: bool = False) -> Fitte
         turns = np.setdiff1d(np.arange(q.shape[1]), lengths)  # metres are never degrees
         q[:, turns] = np.deg2rad(q[:, turns])
     missing = [joint for joint in robot.joint_names if joint not in at]
-    extra = [c for c in trajectory.joints if _joint(c, known) is None]
+    extra = [c for c in trajectory.joints if joint_of(c, known) is None]
     foreign = [c for c in extra if not (BASE.fullmatch(c) or c.lower() in FREE)]
     if missing:
         near = get_close_matches(missing[0], foreign, n=1)
@@ -101,8 +102,8 @@ def urdf_joints(robot: Geometry) -> dict[str, str]:
     return {name: kind for name, kind in found.items() if kind != "fixed"}
 
 
-def _joint(column: str, known: set[str]) -> str | None:
-    """The joint that a column is named after."""
+def joint_of(column: str, known: Collection[str]) -> str | None:
+    """The joint that a column is named after, of those that are known."""
     names = [column, *(column.removesuffix(end) for end in ENDINGS if column.endswith(end))]
     return next((name for name in names if name in known), None)
 

@@ -43,7 +43,7 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
         TrajectoryError: what s3le.store.npz or interpret refuses.
     """
     arrays = npz.read_npz(path, TrajectoryError, MOST_BYTES)
-    about = _about(arrays.pop("about", None))
+    about = told(arrays.pop("about", None))
     return interpret(str(path), arrays, fps, joints, about)
 
 
@@ -57,7 +57,7 @@ def read_npy(path: Path, fps: float | None, joints: Sequence[str] | None) -> Tra
     return interpret(str(path), {ANGLES[0]: array}, fps, joints)
 
 
-def _about(text: np.ndarray | None) -> dict:
+def told(text: np.ndarray | None) -> dict[str, Any]:
     """What the file says about itself, as far as it can be read."""
     try:
         about = json.loads(str(text))

@@ -46,7 +46,7 @@ def write(trajectory: Trajectory, part: Path) -> None:
         )
         for name, values, measure, doc in columns
     ]
-    about = {f"{PREFIX}{key}": _text(value) for key, value in trajectory.about.items()}
+    about = {f"{PREFIX}{key}": as_text(value) for key, value in trajectory.about.items()}
     about |= {f"{PREFIX}format": FORMAT, f"{PREFIX}version": __version__}
     table = pa.table(
         [pa.array(c[1], field.type) for c, field in zip(columns, fields, strict=True)],
@@ -63,7 +63,7 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
     """
     try:
         with pq.ParquetFile(path) as file:
-            _check_size(path, file.metadata)
+            check_size(path, file.metadata)
             table = file.read(use_pandas_metadata=False)
     except (pa.ArrowException, OSError) as error:
         reason = (str(error).splitlines() or ["damaged"])[0][:160]
@@ -73,8 +73,8 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
         raise TrajectoryError(f"{path}: column '{twice}' occurs twice")
     if not table.num_rows:
         raise TrajectoryError(f"{path}: holds no rows")
-    about = _about(table.schema.metadata or {})
-    columns = {name: _column(path, name, table[name]) for name in table.column_names}
+    about = told(table.schema.metadata or {})
+    columns = {name: numbers(path, name, table[name]) for name in table.column_names}
     for key in (*RATES, *STEPS):
         if isinstance(about.get(key), int | float) and key not in columns:
             columns[key] = np.array(about[key], float)
@@ -84,14 +84,24 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
     return interpret(str(path), columns, fps, joints, about)
 
 
-def _check_size(path: Path, meta: pq.FileMetaData) -> None:
+def check_size(path: Path, meta: pq.FileMetaData) -> None:
+    """Refuse a file of more than MOST_VALUES before it is read.
+
+    Raises:
+        TrajectoryError: it is one.
+    """
     groups = (meta.row_group(i) for i in range(meta.num_row_groups))
     values = sum(g.column(j).num_values for g in groups for j in range(g.num_columns))
     if max(values, meta.num_rows * meta.num_columns) > MOST_VALUES:
         raise TrajectoryError(f"{path}: holds more than {MOST_VALUES} numbers")
 
 
-def _column(path: Path, name: str, column: pa.ChunkedArray) -> np.ndarray:
+def numbers(path: Path, name: str, column: pa.ChunkedArray) -> np.ndarray:
+    """A column as an array in its own type, (n,), or (n, width) of one of lists.
+
+    Raises:
+        TrajectoryError: a value is missing, or it holds neither numbers nor words.
+    """
     kind = column.type
     if column.null_count:
         row = next(i for i, item in enumerate(column) if not item.is_valid)
@@ -114,12 +124,13 @@ def _column(path: Path, name: str, column: pa.ChunkedArray) -> np.ndarray:
     raise TrajectoryError(f"{path}: column '{name}' holds {kind}, neither numbers nor words")
 
 
-def _text(value: Any) -> str:
+def as_text(value: Any) -> str:
+    """A value as metadata holds it: words as they are, else JSON."""
     return value if isinstance(value, str) else json.dumps(value, sort_keys=True)
 
 
-def _about(metadata: dict[bytes, bytes]) -> dict[str, Any]:
-    """The file's metadata: values as JSON where they are JSON, our prefix taken off."""
+def told(metadata: dict[bytes, bytes]) -> dict[str, Any]:
+    """A file's metadata: values as JSON where they are JSON, our prefix taken off."""
     about = {}
     for key, raw in metadata.items():
         name, text = key.decode(errors="replace"), raw.decode(errors="replace")

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from _csv import Reader  # what csv.reader returns; csv itself does not name it
 
 MOST_BYTES = 1 << 30
+MOST_HEADER = 1 << 16  # [characters] in which a first line says something
 
 
 def side_file(path: Path) -> Path:
@@ -70,28 +71,18 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
         TrajectoryError: no text, lines of different lengths, a field that is no number, no names
             and none given, or what interpret refuses; names the line, counted from 1.
     """
-    if path.stat().st_size > MOST_BYTES:
-        raise TrajectoryError(f"{path}: a CSV of more than {MOST_BYTES >> 30} GiB is not read")
-    data = path.read_bytes()
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise TrajectoryError(f"{path}: is no text in UTF-8 (byte {error.start})") from None
-    if "\0" in text:
-        raise TrajectoryError(f"{path}: is no text (a zero byte)")
+    data, text = content(path)
     lines = text.splitlines()
-    if not lines or not lines[0].strip():
-        raise TrajectoryError(f"{path}: is empty, or its first line is")
-    comma = max(",;\t", key=lines[0].count)
+    comma = comma_of(lines[0])
     rows = csv.reader(lines, delimiter=comma, strict=True)
     try:
         header = [field.strip() for field in next(rows, [])]
     except csv.Error as error:
         raise TrajectoryError(f"{path}: line 1: {error}") from None
-    nameless = all(_is_number(field) for field in header)
-    about = _read_side(side_file(path), data)
+    nameless = all(is_number(field) for field in header)
+    about = read_side(side_file(path), data)
     if nameless:
-        joints = _listed(about) if joints is None else joints
+        joints = listed(about) if joints is None else joints
         rows = csv.reader(lines, delimiter=comma, strict=True)
         header = _placeholders(path, len(header), joints)
     for name in header:
@@ -104,10 +95,35 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
         for i, (name, column) in enumerate(zip(header, columns, strict=True))
     }
     if nameless:
-        table = {ANGLES[0]: np.stack(list(table.values()), axis=1)} | _told(about, len(columns[0]))
+        table = {ANGLES[0]: np.stack(list(table.values()), axis=1)} | told(about, len(columns[0]))
     else:
         joints = None  # a line of names says better which column is which
     return interpret(str(path), table, fps, joints, about, 1 if nameless else 2, "line")
+
+
+def content(path: Path) -> tuple[bytes, str]:
+    """The bytes of a CSV, and its text.
+
+    Raises:
+        TrajectoryError: more than MOST_BYTES, no text, or nothing in the first line.
+    """
+    if path.stat().st_size > MOST_BYTES:
+        raise TrajectoryError(f"{path}: a CSV of more than {MOST_BYTES >> 30} GiB is not read")
+    data = path.read_bytes()
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise TrajectoryError(f"{path}: is no text in UTF-8 (byte {error.start})") from None
+    if "\0" in text:
+        raise TrajectoryError(f"{path}: is no text (a zero byte)")
+    if not next(iter(text[:MOST_HEADER].splitlines()), "").strip():
+        raise TrajectoryError(f"{path}: is empty, or its first line is")
+    return data, text
+
+
+def comma_of(line: str) -> str:
+    """What parts the fields of a line: a comma, a semicolon or a tab."""
+    return max(",;\t", key=line.count)
 
 
 def _columns(path: Path, rows: "Reader", header: list[str], words: set[int]) -> list[list]:
@@ -145,15 +161,15 @@ def _placeholders(path: Path, width: int, joints: Sequence[str] | None) -> list[
     return [str(i) for i in range(width)]
 
 
-def _listed(about: Mapping[str, Any]) -> list[str] | None:
-    """Names of the joints' columns as a side file lists them."""
+def listed(about: Mapping[str, Any]) -> list[str] | None:
+    """Names of the joints' columns as a side file lists them; None: it does not."""
     names = about.get("joint_names")
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         return None
     return names
 
 
-def _told(about: Mapping[str, Any], rows: int) -> dict[str, np.ndarray]:
+def told(about: Mapping[str, Any], rows: int) -> dict[str, np.ndarray]:
     """What a side file tells of rows that have no columns for it: their rate and their modes."""
     told, fps = {}, about.get("fps")
     if isinstance(fps, int | float) and not isinstance(fps, bool):
@@ -163,7 +179,8 @@ def _told(about: Mapping[str, Any], rows: int) -> dict[str, np.ndarray]:
     return told
 
 
-def _is_number(field: str) -> bool:
+def is_number(field: str) -> bool:
+    """Is a field of a CSV one, or a name?"""
     try:
         float(field)
     except ValueError:
@@ -171,7 +188,7 @@ def _is_number(field: str) -> bool:
     return True
 
 
-def _read_side(path: Path, data: bytes) -> dict:
+def read_side(path: Path, data: bytes) -> dict:
     """What lies beside, if it is about these bytes."""
     try:
         tree = json.loads(path.read_text(encoding="utf-8"))

@@ -23,6 +23,7 @@ from s3le.safety import segment
 from s3le.safety.swept import swept
 from s3le.skeleton import DIM
 
+SLOWEST = "pursue.pursue"  # of the kernels that a step needs, to compile
 LONGEST = 1.0  # [s], a robot that was left alone for longer moves as if it had been this
 HOW = {
     causal.WANTED: "wanted",

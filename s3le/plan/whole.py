@@ -29,6 +29,7 @@ from s3le.safety.swept import swept
 from s3le.skeleton import DIM
 from s3le.types import Progress
 
+SLOWEST = "interior.improve"  # of the kernels that a motion needs, to compile
 WANTED, PLANNED, DRIVEN = range(3)  # where a row comes from
 _SPARE = 0.1  # share of speed and acceleration that the first guess leaves
 _MORE = 0.001  # [m], that a pose or path which failed is asked to keep beyond what it lacked

@@ -16,7 +16,6 @@ from s3le.human.skeletons import TILT_MAX, ClipFrames, read_frames
 from s3le.motion import rates, trajectory
 from s3le.motion.rates import Emission
 from s3le.motion.trajectory import BETWEEN, Trajectory
-from s3le.plan import limits
 from s3le.retarget.follow import Followed, follow
 from s3le.retarget.stream import Retargeter
 from s3le.retarget.summary import headings, summarise
@@ -111,17 +110,15 @@ def convert(
     report = audit.audit(robot, rows.time, rows.q, wanted, margin)
     if not report.holds:
         raise CertificateError(f"{frames.name}: refused, {report.complaint}")
-    hard = limits.broken(made.time, made.q, retargeter.most)
-    if hard.any():
-        raise CertificateError(
-            f"{frames.name}: refused, {made.time[int(np.argmax(hard))]:.4f} s: a joint changes its "
-            "speed faster than it may"
-        )
+    # Of the rows that were followed; those put between two of them lie on the straight path.
+    hard = audit.accelerations(robot, made.time, made.q, retargeter.most.acceleration)
+    if hard.first:
+        raise CertificateError(f"{frames.name}: refused, {audit.say(hard.name, hard.first)}")
     mode = np.where(
         (rows.corner >= 0) | (rows.next < made.clip_from), made.mode[rows.next], BETWEEN
     )
     certificate = audit.certificate(robot, wanted, report) | {
-        "acceleration_rad_s2": {  # of the rows that were planned, not of those put between them
+        "acceleration_rad_s2": {
             name: float(limit) if np.isfinite(limit) else None
             for name, limit in zip(robot.joint_names, retargeter.most.acceleration, strict=True)
         }

@@ -24,6 +24,7 @@ import numpy as np
 from s3le import __version__
 from s3le.errors import BundleError, EngineError, ModelError, S3leError
 from s3le.kernels import batch, compiled, threads
+from s3le.plan import steps, whole
 from s3le.retarget import exported
 from s3le.retarget.settings import Settings
 from s3le.retarget.stream import Retargeter
@@ -38,7 +39,6 @@ from s3le.types import Progress
 ROWS = 20_000  # stored poses
 SAMPLER, ALPHA, SEED = "human", 0.2, 7  # as params.yaml has them: sample.sampler, alpha, seed
 METHOD, METRIC = "skeleton", "l2"
-STREAM, FILE = "pursue.pursue", "interior.improve"  # the kernels that take longest
 PATIENCE = 600.0  # [s] for another process that makes the same poses
 _MADE_BY = ("kernels", "robot", "search", "store", "tuples", "retarget", "rng.py", "skeleton.py")
 _HERE = Path(__file__).parents[1]
@@ -72,7 +72,7 @@ def retargeter_for(
     if not isinstance(robot, Robot):
         robot = Robot.load(robot)
     watch = watch or (lambda what, more, total: None)
-    if compiled.stored(STREAM if streams else FILE):
+    if compiled.stored(steps.SLOWEST if streams else whole.SLOWEST):
         return _loaded(robot, changed, watch)
     with _compiling(watch), _helper(robot, watch):
         standing = Retargeter(robot, _Standing(robot), Settings())

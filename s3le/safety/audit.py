@@ -18,7 +18,7 @@ from s3le.robot.certificate import Certifier
 from s3le.robot.robot import Robot
 from s3le.safety.paths import BUDGET, CERTIFIED, COLLIDES, UNDECIDED, Segments, certify
 
-ROUNDING = 1e-6  # share by which a speed may exceed its limit: times in a file are rounded
+ROUNDING = 1e-6  # share by which speed, acceleration may exceed a limit: files round their times
 PLACES = 5  # worst places that are named, at most one of each run of neighbours
 
 
@@ -29,6 +29,7 @@ class Demands(NamedTuple):
     margin_between: float  # [m], clearance on the paths between, above 0, at most margin
     velocity: np.ndarray  # [rad/s], (n_dof,), inf: none known
     budget: int = BUDGET  # poses that the proof of one path may look at
+    acceleration: np.ndarray | None = None  # [rad/s^2], (n_dof,), inf: any; None: not asked
 
 
 class Finding(NamedTuple):
@@ -44,7 +45,7 @@ class Finding(NamedTuple):
 class Check(NamedTuple):
     """One kind of demand over a whole trajectory."""
 
-    name: str  # limits, velocities, poses or paths
+    name: str  # limits, velocities, accelerations (where asked), poses or paths
     unit: str
     total: int  # poses or steps looked at
     broken: int  # of them, how many do not hold; the undecided ones are among them
@@ -90,6 +91,7 @@ def demands(
     margin_between: float | None = None,
     velocity: dict[str, float] | float | None = None,
     budget: int = BUDGET,
+    acceleration: dict[str, float] | float | None = None,
 ) -> Demands:
     """Demands that fit a robot; what is not given is the robot's own.
 
@@ -99,6 +101,8 @@ def demands(
         margin_between: [m]; a quarter of margin if None.
         velocity: one limit for all joints, or some by name, instead of the URDF's [rad/s].
         budget: see segments.certify.
+        acceleration: one limit for all joints, or some by name (the others may do anything)
+            [rad/s^2]; None: it is not looked at.
 
     Raises:
         ParameterError: a number is out of its range, or a joint unknown.
@@ -112,20 +116,31 @@ def demands(
             f"margin_between must be above 0 and at most margin, {margin!r} m, "
             f"got {margin_between!r}"
         )
-    names = robot.joint_names
     limit = np.array([joint.velocity for joint in robot.joints])
     limit[~(limit > 0.0)] = np.inf  # a URDF without a limit is read as 0
-    given = velocity if isinstance(velocity, dict) else dict.fromkeys(names, velocity)
-    for joint, value in given.items():
+    limit = _by_joint(robot, "velocity", "rad/s", velocity, limit)
+    hardest = None
+    if acceleration is not None:
+        free = np.full(robot.n_dof, np.inf)
+        hardest = _by_joint(robot, "acceleration", "rad/s^2", acceleration, free)
+    return Demands(float(margin), float(margin_between), limit, int(budget), hardest)
+
+
+def _by_joint(
+    robot: Robot, what: str, unit: str, given: dict[str, float] | float | None, limit: np.ndarray
+) -> np.ndarray:
+    """A limit for each joint, those that are given in place of the others."""
+    names = robot.joint_names
+    for joint, value in (given if isinstance(given, dict) else dict.fromkeys(names, given)).items():
         if joint not in names:
-            raise ParameterError(f"velocity names '{joint}'; joints: {', '.join(names)}")
+            raise ParameterError(f"{what} names '{joint}'; joints: {', '.join(names)}")
         if value is None:
             continue
         if not value > 0.0:
-            raise ParameterError(f"the velocity of {joint} must be above 0 rad/s, got {value!r}")
+            raise ParameterError(f"the {what} of {joint} must be above 0 {unit}, got {value!r}")
         limit[names.index(joint)] = value
     limit.setflags(write=False)
-    return Demands(float(margin), float(margin_between), limit, int(budget))
+    return limit
 
 
 def audit(
@@ -154,6 +169,7 @@ def audit(
     checker = robot.certifier()
     poses = checker.check(q, progress)
     speed = np.abs(np.diff(q, axis=0)) / np.diff(time)[:, None]  # (n - 1, n_dof)
+    hardest = wanted.acceleration
     clear = poses.clearance >= margin  # NaN compares False
     proven = paths.status == CERTIFIED
     return Report(
@@ -162,6 +178,7 @@ def audit(
         checks=(
             _limits(robot, time, q),
             _velocities(robot, time, speed, wanted.velocity),
+            *([] if hardest is None else [accelerations(robot, time, q, hardest)]),
             _poses(robot, time, poses.clearance, poses.pair, margin, clear),
             _paths(robot, checker, time, q, paths, wanted.margin_between),
         ),
@@ -176,7 +193,13 @@ def audit(
 
 def certificate(robot: Robot, wanted: Demands, report: Report) -> dict[str, Any]:
     """What was shown of a trajectory that holds, and what was not, as JSON can hold it."""
-    return {
+    hardest: dict[str, Any] = {}
+    if wanted.acceleration is not None:
+        hardest["acceleration_rad_s2"] = {
+            name: _number(float(limit))
+            for name, limit in zip(robot.joint_names, wanted.acceleration, strict=True)
+        }
+    return hardest | {
         "robot": robot.name,
         "robot_hash": robot.digest,
         "poses": {"checked": report.rows, "by": "coal", "least_clearance_m": report.least},
@@ -230,7 +253,7 @@ def tree(report: Report) -> dict[str, Any]:
 def say(check: str, one: Finding) -> str:
     """What a check of this name found, as a sentence."""
     when = f"{one.time:.4f} s (row {one.row}): "
-    if check in ("limits", "velocities") and np.isnan(one.value):
+    if check in ("limits", "velocities", "accelerations") and np.isnan(one.value):
         return when + f"{one.what} is not a number"
     if check == "limits" and one.value < 0:
         return when + f"{one.what} is {-one.value:.5f} rad outside its range"
@@ -238,6 +261,8 @@ def say(check: str, one: Finding) -> str:
         return when + f"{one.what} is {one.value:.5f} rad from the end of its range"
     if check == "velocities":
         return when + f"{one.what} turns at {one.value:.3f} rad/s of {one.wanted:g}"
+    if check == "accelerations":
+        return when + f"{one.what} changes speed by {one.value:.2f} rad/s^2 of {one.wanted:g}"
     if not one.what:
         return when + (
             "not decided within the budget (--budget)" if check == "paths" else "no pose"
@@ -274,6 +299,29 @@ def _velocities(robot: Robot, time: np.ndarray, speed: np.ndarray, limit: np.nda
     return _check(
         "velocities", "rad/s", time, ~(worst <= 1.0 + ROUNDING), -worst, fast,
         lambda i: name[joint[i]], limit[joint],
+    )  # fmt: skip
+
+
+def accelerations(robot: Robot, time: np.ndarray, q: np.ndarray, limit: np.ndarray) -> Check:
+    """Change of speed from step to step over the mean of their durations, at the row between.
+
+    Args:
+        robot: whose joints.
+        time: rising [s], (n,).
+        q: poses [rad], (n, n_dof).
+        limit: of each joint [rad/s^2], (n_dof,); inf: any.
+    """
+    step = np.diff(time)
+    mean = 0.5 * (step[1:] + step[:-1])
+    turned = np.diff(q, axis=0) / step[:, None]
+    hard = np.abs(np.diff(turned, axis=0)) / mean[:, None]  # (n - 2, n_dof)
+    share = hard / limit
+    joint = share.argmax(axis=1) if len(share) else np.zeros(0, int)
+    rows = np.arange(len(share))
+    worst, name = share[rows, joint], robot.joint_names
+    return _check(
+        "accelerations", "rad/s^2", time[1:-1], ~(worst <= 1.0 + ROUNDING), -worst,
+        hard[rows, joint], lambda i: name[joint[i]], limit[joint], first=1,
     )  # fmt: skip
 
 
@@ -326,12 +374,16 @@ def _check(
     value: np.ndarray,
     what: Callable[[int], str],
     wanted: np.ndarray | float,
+    first: int = 0,
 ) -> Check:
-    """Count what is broken and pick the places worth naming: the lower its order, the worse."""
+    """Count what is broken and pick the places worth naming: the lower its order, the worse.
+
+    first is the row that the first entry speaks of.
+    """
     wanted = np.broadcast_to(wanted, broken.shape)
 
     def finding(i: int) -> Finding:
-        return Finding(int(i), float(time[i]), what(i), float(value[i]), float(wanted[i]))
+        return Finding(int(i) + first, float(time[i]), what(i), float(value[i]), float(wanted[i]))
 
     rank = np.where(np.isnan(order), -np.inf, order)
     bad = np.flatnonzero(broken)

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from s3le.human.keypoints import inert
 from s3le.human.keypoints.clocks import Clock
 from s3le.human.keypoints.found import Found, openpose
 from s3le.human.keypoints.how import How
@@ -22,6 +21,7 @@ from s3le.human.keypoints.people import choose
 from s3le.human.keypoints.values import numbers
 from s3le.human.keypoints.written import read_json
 from s3le.human.text import read_bytes, refusal
+from s3le.inert import pickles
 
 FRANKMOCAP = re.compile(r"(.*?)(\d*)_prediction_result\.pkl")
 OPENPOSE = re.compile(r"(.*?)(\d*)_keypoints\.json")
@@ -105,7 +105,7 @@ def _frankmocap(folder: Path, names: list[str], rows: list[int], count: int, how
     hip, neck = (LAYOUTS["spin49"].points[i][0] for i in (0, 3))
     lists = []
     for name in names:
-        tree = inert.load(folder / name, read_bytes(folder / name, LARGEST))
+        tree = pickles.load(folder / name, read_bytes(folder / name, LARGEST))
         people = tree.get("pred_output_list") if isinstance(tree, Mapping) else None
         if not isinstance(people, list):
             raise refusal(folder / name, None, "no list 'pred_output_list': no FrankMocap result")

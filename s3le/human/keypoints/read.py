@@ -11,7 +11,7 @@ import numpy as np
 
 from s3le.errors import ClipError, ParameterError
 from s3le.human.clip import Clip, Reading, make_clip
-from s3le.human.keypoints import clocks, inert, picture, tensors, upright
+from s3le.human.keypoints import clocks, picture, tensors, upright
 from s3le.human.keypoints.folders import frames_of, read_frames
 from s3le.human.keypoints.found import Found, find
 from s3le.human.keypoints.gltf import read_gltf
@@ -20,6 +20,7 @@ from s3le.human.keypoints.layouts import LAYOUTS, Layout, by_names, for_size, pi
 from s3le.human.keypoints.trc import read_trc
 from s3le.human.keypoints.written import read_csv, read_json
 from s3le.human.text import MAX_BYTES, listed, looks_like, no_file, read_bytes, refusal
+from s3le.inert import pickles
 from s3le.store import npz
 
 SCENES = (".glb", ".gltf", ".vrma")
@@ -100,7 +101,7 @@ def _read(path: Path, how: How) -> Found:
         data = read_bytes(path, LARGEST)
         if not data:
             raise refusal(path, None, "looks like an empty file, not a pickle")
-        return find(path, inert.load(path, tensors.unpacked(path, data)), how)
+        return find(path, pickles.load(path, tensors.unpacked(path, data)), how)
     if kind in (".pt", ".pth"):
         return find(path, tensors.load_torch(path), how)
     if name.endswith(".gz"):
@@ -113,7 +114,7 @@ def _read(path: Path, how: How) -> Found:
     if kind == ".npy":
         pickled = npz.pickled(path, ClipError, LARGEST)
         if pickled is not None:  # as TRAM's, of a dict with tensors
-            return find(path, inert.load(path, pickled, objects=True), how)
+            return find(path, pickles.load(path, pickled, objects=True), how)
         return find(path, npz.read_npy(path, ClipError, MAX_BYTES), how)
     closed: list[str] = []
     tree = npz.read_npz(path, ClipError, MAX_BYTES, closed)

@@ -1,4 +1,4 @@
-"""Files of torch and joblib: what lies around their pickles, which inert reads as data.
+"""Files of torch and joblib: what lies around their pickles, which s3le.inert reads as data.
 
 Torch itself is not asked: it is not there after a plain installation, takes seconds to begin, and
 its own loader for weights has run programs of strangers before 2.6 (CVE-2025-32434).
@@ -12,8 +12,8 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from s3le.human.keypoints import inert
 from s3le.human.text import MAX_BYTES, read_bytes, refusal
+from s3le.inert import pickles
 
 MOST_ENTRIES = 10_000
 _AGAIN = 'torch.save(torch.load("{name}", weights_only=True), "{stem}_new.pt")'
@@ -54,7 +54,7 @@ def load_torch(path: Path | str) -> Any:
                     read[key] = archive.read(name)
                 return read[key]
 
-            return inert.load(path, archive.read(pickled[0]), storage)
+            return pickles.load(path, archive.read(pickled[0]), storage)
     except _DAMAGE as damage:
         words = (str(damage).splitlines() or [type(damage).__name__])[0][:160]
         raise refusal(path, None, f"is no sound file of torch.save ({words})") from None

@@ -67,7 +67,7 @@ def produce(
             done = sum(job.rows for job in have)
             progress(done, total(shard.counts for shard in have.values()))
         counts = total(shard.counts for shard in have.values())
-        for made in _make(task, [job for job in all_jobs if job not in have], where, own):
+        for made in spread(task, [job for job in all_jobs if job not in have], where, own):
             have[made.job] = vault.put(made)
             counts = total([counts, made.counts])
             progress(made.job.rows, counts)
@@ -79,7 +79,19 @@ def produce(
     return total(shard.counts for shard in shards)
 
 
-def _make(task: Task, todo: list[Job], where: Where, own: dict[str, str]) -> Iterator[Made]:
+def spread(task: Task, todo: list[Job], where: Where, own: dict[str, str]) -> Iterator[Made]:
+    """Make shards, in whatever order they get done; nothing is written.
+
+    Args:
+        task: what they are made of.
+        todo: which ones.
+        where: who makes them.
+        own: fingerprint of this process (key.fingerprint), which every worker must share.
+
+    Raises:
+        EngineError: no such executor, or workers were lost.
+        S3leError: what the task raises.
+    """
     if where.executor == "local":
         return local.make(task, todo, where.workers, own)
     if where.executor == "ray":

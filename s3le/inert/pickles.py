@@ -11,10 +11,10 @@ import pickletools
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from s3le.errors import ClipError
-from s3le.human.keypoints.inert_names import (
+from s3le.errors import ClipError, S3leError
+from s3le.inert.names import (
     JOBLIB,
     Array,
     Name,
@@ -32,6 +32,14 @@ from s3le.human.keypoints.inert_names import (
     stored,
 )  # fmt: skip
 
+
+class Place(NamedTuple):
+    """Where bytes of numbers lie in a pickle."""
+
+    data: bytes | bytearray
+    at: int  # [bytes] from the beginning
+
+
 HIGHEST = 5  # protocol
 MOST_STEPS = 400_000  # instructions of one file; a result of one frame has some hundreds
 MOST_LARGE = 2_000_000  # of one that is large: PHALP writes some hundreds a frame
@@ -43,6 +51,8 @@ def load(
     data: bytes,
     storages: Callable[[str, int], bytes | None] | None = None,
     objects: bool = False,
+    error: type[S3leError] = ClipError,
+    places: dict[int, Place] | None = None,
 ) -> Any:
     """What a pickle holds: None, numbers, words, bytes, lists, tuples, dicts, arrays, CLOSED.
 
@@ -53,28 +63,32 @@ def load(
         data: the pickle; arrays of joblib lie between its instructions.
         storages: gives torch's numbers, by their key and count of bytes; None: there are none.
         objects: whether arrays of objects are read, as lists.
+        error: what a refusal is raised as.
+        places: takes where bytes of numbers lie in data, by the id of the bytes, which it keeps.
 
     Raises:
-        ClipError: an instruction or a name that is not data's, damage, or more than MOST_STEPS.
+        error: an instruction or a name that is not data's, damage, or more than MOST_STEPS.
     """
     now.begin(MOST_LARGE if len(data) > LARGE else MOST_STEPS, objects, _run)
     try:
         with warnings.catch_warnings():  # of odd escapes in texts of protocol 0
             warnings.simplefilter("ignore", DeprecationWarning)
-            value, end = _run(data, 0, storages)
+            value, end = _run(data, 0, storages, places)
     except Refused as refusal:
-        raise ClipError(f"{path}: {refusal}") from None
+        raise error(f"{path}: {refusal}") from None
     except (ValueError, KeyError, IndexError, TypeError, OverflowError, UnicodeError) as damage:
         words = (str(damage).splitlines() or [type(damage).__name__])[0][:160]
-        raise ClipError(f"{path}: is no sound pickle ({words})") from None
+        raise error(f"{path}: is no sound pickle ({words})") from None
     finally:
         now.begin()
     if end != len(data):
-        raise ClipError(f"{path}: is no sound pickle ({len(data) - end} bytes after its end)")
+        raise error(f"{path}: is no sound pickle ({len(data) - end} bytes after its end)")
     return value
 
 
-def _run(data: bytes, at: int, storages: Any) -> tuple[Any, int]:
+def _run(
+    data: bytes, at: int, storages: Any, places: dict[int, Place] | None = None
+) -> tuple[Any, int]:
     """The value of the pickle at a byte, and the byte after its end."""
     stream = io.BytesIO(data)
     stream.seek(at)
@@ -99,6 +113,8 @@ def _run(data: bytes, at: int, storages: Any) -> tuple[Any, int]:
             return stack[0], place + 1
         if name in _PUSHED:
             stack.append(argument)
+            if places is not None and isinstance(argument, (bytes, bytearray)):
+                places[id(argument)] = Place(argument, stream.tell() - len(argument))
         elif name in _CONSTANT:
             stack.append(_CONSTANT[name])
         elif name in _MADE:

@@ -1,0 +1,1 @@
+"""Any joint motion in, the nearest certified motion out."""

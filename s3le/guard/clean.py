@@ -1,0 +1,302 @@
+"""One motion: what is broken in it, the nearest that holds, and the proof of what is written.
+
+Planning has the first word and no say: a motion holds if the audit (s3le/safety/audit.py) says
+so of the very numbers that will lie in the file. One of which it says so at once is left alone.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from s3le.errors import CertificateError, S3leError
+from s3le.guard import moved, sense
+from s3le.guard.claim import Claim, with_reserve
+from s3le.guard.layouts.episode import Episode, Layout
+from s3le.motion.trajectory import BETWEEN
+from s3le.plan.limits import limits
+from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner
+from s3le.robot.robot import Robot
+from s3le.safety import audit
+
+TRIES = 4  # reserves that are tried where a motion does not hold as it is rounded, each the double
+Progress = Callable[[int], object]
+
+
+class Made(NamedTuple):
+    """What became of one episode."""
+
+    q: np.ndarray  # [rad], (m, n), as it will lie in the file
+    before: audit.Report  # of the motion as it was
+    after: audit.Report  # of q; holds
+    how: np.ndarray  # uint8 (m,), whole.WANTED, PLANNED or DRIVEN
+    reserve: float  # [rad], what was kept of every limit because the file rounds
+
+
+class Cleaned(NamedTuple):
+    """What became of one file."""
+
+    q: list[np.ndarray | None]  # [rad], of each episode; None: it is left as it is
+    summary: dict[str, Any]  # as JSON can hold it
+
+
+class Guard:
+    """Cleans motions of one robot, one at a time; holds scratch: one per thread."""
+
+    def __init__(self, robot: Robot, claim: Claim) -> None:
+        """Make what all motions share.
+
+        Args:
+            robot: of claim.claim.
+            claim: what is asked of every motion.
+        """
+        self.robot, self.claim = robot, claim
+        self.demands = claim.demands(robot)
+        self._most = limits(robot, np.array(claim.acceleration), claim.speed_factor)
+        self._planner: Planner | None = None
+
+    def check(
+        self, episode: Episode, q: np.ndarray, progress: Progress | None = None
+    ) -> audit.Report:
+        """The audit of a motion, accelerations included.
+
+        Rows that lie between two frames by their mode are held to what the path is, as in
+        `s3le audit`, unless they are others than in the file.
+
+        Args:
+            episode: as it was read.
+            q: [rad], (m, n), as it is or will be written.
+            progress: called with numbers of further rows done, 2 m - 1 in all.
+        """
+        at_rows = None
+        if episode.mode is not None:
+            between = (episode.mode == BETWEEN) & (q == episode.q).all(axis=1)
+            at_rows = np.where(between, self.demands.margin_between, self.demands.margin)
+        return audit.audit(self.robot, episode.time, q, self.demands, at_rows, progress)
+
+    def survey(self, layout: Layout, degrees: bool, progress: Progress | None = None) -> Cleaned:
+        """Look at a file without planning: as clean, but what is broken stays so.
+
+        Raises:
+            TrajectoryError: its angles cannot be this robot's.
+        """
+        notes = self._refuse(layout, degrees)
+        reports = [self.check(one, one.q, progress) for one in layout.episodes]
+        summary = self._summary(layout, notes, reports)
+        return Cleaned([None] * len(reports), summary | {"holds": all(r.holds for r in reports)})
+
+    def clean(self, layout: Layout, degrees: bool, progress: Progress | None = None) -> Cleaned:
+        """The nearest certified motion of every episode of a file.
+
+        Args:
+            layout: the file, as it was read.
+            degrees: its angles were said to be in degrees.
+            progress: called with numbers of further rows done, `work` in all.
+
+        Raises:
+            TrajectoryError: its angles cannot be this robot's.
+            CertificateError: no motion was found that holds once it is written.
+        """
+        notes = self._refuse(layout, degrees)
+        made = []
+        for one in layout.episodes:
+            made.append(self.nearest(one, progress))
+            notes += [_named(layout, one, note) for note in self._said(one, made[-1])]
+        reports = [one.after for one in made]
+        how = np.concatenate([one.how for one in made])
+        summary = self._summary(layout, notes, [one.before for one in made])
+        wanted = [one.q for one in layout.episodes]
+        tallied = moved.tally(wanted, [one.q for one in made], self.robot.joint_names)
+        summary |= {
+            "moved": tallied,
+            "rows": {
+                "as_wanted": int((how == WANTED).sum()),
+                "planned": int((how == PLANNED).sum()),
+                "driven": int((how == DRIVEN).sum()),
+            },
+            "reserve_rad": max(one.reserve for one in made),
+            "after": _merged(layout, reports),
+            "certificate": self._certificate(reports),
+            "holds": all(report.holds for report in reports),
+        }
+        q = [
+            None if (done.q == one.q).all() else done.q
+            for done, one in zip(made, layout.episodes, strict=True)
+        ]
+        return Cleaned(q, summary)
+
+    def nearest(self, episode: Episode, progress: Progress | None = None) -> Made:
+        """The nearest motion that holds as it will be written.
+
+        Raises:
+            CertificateError: none was found.
+        """
+        name, time, wanted = episode.name, episode.time, episode.q
+        before = self.check(episode, wanted, progress)
+        m = len(time)
+        if before.holds:
+            if progress:
+                progress(work(m) - looks(m))
+            return Made(wanted, before, before, np.full(m, WANTED, np.uint8), 0.0)
+        step = float(np.diff(time).min()) if m > 1 else 1.0
+        reserve, grain, why = 0.0, 0.0, ""
+        for turn in range(TRIES + 1):
+            try:
+                plan = self._plan(time, wanted, reserve, step)
+            except S3leError as refusal:
+                tail = (
+                    f" (with a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
+                )
+                raise CertificateError(f"{name}: {refusal}{tail}") from None
+            written = episode.as_written(plan.q)
+            if progress and not turn:
+                progress(m)
+            after = self.check(episode, written, None if turn else progress)
+            if after.holds:
+                how = np.where(
+                    (written == wanted).all(axis=1), WANTED, np.maximum(plan.how, PLANNED)
+                )
+                return Made(written, before, after, how.astype(np.uint8), reserve)
+            why = after.complaint
+            grain = max(grain, float(np.abs(written - plan.q).max()))
+            if not grain > 0.0:  # also NaN: no reserve will help
+                break
+            reserve = grain * 2.0**turn
+        raise CertificateError(
+            f"{name}: what would be written does not hold: {why}"
+            + (f"; the file rounds angles by {grain:.2g} rad" if grain > 0.0 else "")
+        )
+
+    def warm_up(self, planning: bool = True) -> None:
+        """Compile what a motion needs, or read it from the store; at first this takes minutes.
+
+        Args:
+            planning: False: motions are only looked at.
+        """
+        if planning:
+            self._planned(0.0, 1.0).warm_up()
+        audit.audit(self.robot, np.arange(3.0), np.tile(self.robot.anchor, (3, 1)), self.demands)
+
+    def _plan(self, time: np.ndarray, wanted: np.ndarray, reserve: float, step: float):
+        return self._planned(reserve, step).plan(time, wanted)
+
+    def _planned(self, reserve: float, step: float) -> Planner:
+        if reserve:
+            return Planner(*with_reserve(self.robot, self.claim, reserve, step))
+        if self._planner is None:
+            self._planner = Planner(*with_reserve(self.robot, self.claim, 0.0, step))
+        return self._planner
+
+    def _refuse(self, layout: Layout, degrees: bool) -> list[str]:
+        notes: list[str] = []
+        for one in layout.episodes:
+            said = sense.refuse_foreign(one.name, self.robot, one.q, degrees)
+            said += sense.jumps(self.robot, one.time, one.q, self._most)
+            notes += [_named(layout, one, note) for note in [*one.notes, *said]]
+        return notes
+
+    def _said(self, one: Episode, made: Made) -> list[str]:
+        """What a person should know about the first row, from which a robot would begin."""
+        at = made.before.clearance[0]
+        if at >= self.demands.margin:
+            return []
+        by = float(np.rad2deg(np.abs(made.q[0] - one.q[0]).max()))
+        return [
+            f"its first row keeps {at * 1e3:.2f} mm; it is moved by {by:.2f} deg, and is not "
+            "where a robot that stands as the file says would begin"
+        ]
+
+    def _summary(
+        self, layout: Layout, notes: list[str], before: list[audit.Report]
+    ) -> dict[str, Any]:
+        return {
+            "robot": self.robot.tag,
+            "joints": list(self.robot.joint_names),
+            "claim": {
+                "margin_m": self.claim.margin,
+                "margin_between_m": self.demands.margin_between,
+                "speed_factor": self.claim.speed_factor,
+            },
+            "episodes": len(layout.episodes),
+            "frames": sum(report.rows for report in before),
+            "seconds": sum(report.seconds for report in before),
+            "notes": notes,
+            "before": _merged(layout, before),
+        }
+
+    def _certificate(self, reports: list[audit.Report]) -> dict[str, Any]:
+        """One certificate over all episodes."""
+        whole = audit.certificate(self.robot, self.demands, reports[0])
+        rows = sum(report.rows for report in reports)
+        bounds = [report.bound for report in reports if report.rows > 1]
+        whole["poses"] |= {
+            "checked": rows, "least_clearance_m": min(report.least for report in reports),
+        }  # fmt: skip
+        whole["paths"] = {
+            "proven": rows - len(reports),
+            "bound_m": float(np.min(bounds)) if bounds else None,
+        }
+        whole["covers"] = (
+            "watched pairs of the modelled capsules on straight joint paths, "
+            "accelerations as second differences of rows; no dynamics, no tracking error"
+        )
+        return whole | {"holds": all(report.holds for report in reports)}
+
+
+def looks(rows: int) -> int:
+    """Rows that `check` tells its progress of, for an episode of so many."""
+    return 2 * rows - 1
+
+
+def work(rows: int) -> int:
+    """Rows that `nearest` tells its progress of, for an episode of so many."""
+    return 5 * rows - 2
+
+
+def _short(layout: Layout, episode: Episode) -> str:
+    """What an episode is called within its file; empty where it is the only one."""
+    if len(layout.episodes) == 1:
+        return ""
+    return episode.name.removeprefix(str(layout.path)).removeprefix(", ")
+
+
+def _named(layout: Layout, episode: Episode, note: str) -> str:
+    name = _short(layout, episode)
+    return f"{name}: {note}" if name else note
+
+
+def _merged(layout: Layout, reports: list[audit.Report]) -> dict[str, Any]:
+    """The checks of all episodes together: how many, and the worst places."""
+    found: dict[str, Any] = {}
+    for number, checks in enumerate(zip(*(report.checks for report in reports), strict=True)):
+        name = checks[0].name
+        worst = [
+            (_badness(name, one), _short(layout, episode), one)
+            for episode, check in zip(layout.episodes, checks, strict=True)
+            if check.broken
+            for one in check.worst
+        ]
+        worst.sort(key=lambda item: item[0], reverse=True)
+        found[name] = {
+            "unit": reports[0].checks[number].unit,
+            "total": sum(check.total for check in checks),
+            "broken": sum(check.broken for check in checks),
+            "undecided": sum(check.undecided for check in checks),
+            "worst": [
+                {
+                    "episode": where, "row": one.row, "time": one.time, "what": one.what,
+                    "value": one.value if np.isfinite(one.value) else None,
+                    "wanted": one.wanted, "says": audit.say(name, one),
+                }
+                for _, where, one in worst[: audit.PLACES]
+            ],
+        }  # fmt: skip
+    return found
+
+
+def _badness(check: str, one: audit.Finding) -> float:
+    if np.isnan(one.value):
+        return -np.inf  # how bad is not known
+    if check in ("velocities", "accelerations"):
+        return one.value / one.wanted
+    return one.wanted - one.value

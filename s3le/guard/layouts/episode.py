@@ -1,0 +1,69 @@
+"""One motion inside a file, and what a file that was read can do.
+
+A file is more than its angles: it has a root, feet, names, an order, a rate, a type of numbers.
+A layout keeps all of it and takes new angles for the robot's own joints. What a file cannot hold
+to the last digit (float32, degrees) is rounded before anything is proven about it: `as_written`
+gives the angles that will lie in the file, and these are what to prove.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from s3le.guard.layouts.numbers import Numbers
+
+GUARDED = "guarded"  # mode of a row that was changed, in files that have a column of modes
+
+
+class Episode(NamedTuple):
+    """One motion of a robot's own joints."""
+
+    name: str  # of the file, or 'FOLDER, episode 3'
+    time: np.ndarray  # [s], (m,), rising
+    q: np.ndarray  # [rad], [m] of a prismatic joint, (m, n) in robot.joint_names order, finite
+    notes: list[str]  # what was assumed, and what stays as it is
+    numbers: Numbers  # how the file writes these angles
+    mode: np.ndarray | None = None  # str (m,), how each row came about; see trajectory.BETWEEN
+
+    def as_written(self, q: np.ndarray) -> np.ndarray:
+        """The angles that a file holds after `write` was given q [rad], (m, n).
+
+        Where q is this episode's own q it comes back to the bit; elsewhere it is rounded to what
+        the file can hold, within the joint's range where q is. as_written(as_written(q)) is
+        as_written(q).
+
+        Raises:
+            TrajectoryError: q has another shape, or is not finite.
+        """
+        return self.numbers.as_written(self.name, q)
+
+
+class Layout(Protocol):
+    """A file or folder that was read."""
+
+    path: Path
+    episodes: list[Episode]
+
+    def write(
+        self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
+    ) -> None:
+        """Write the file again with other angles, whole or not at all.
+
+        All else is as it was, to the bit: other columns, names, order, rate, types. Only where a
+        file holds what this project says about it (robot, certificate, clearance, mode) does that
+        follow: the old certificate goes, `about` comes in, the clearance of changed rows is NaN,
+        which claims nothing, and their mode is GUARDED.
+
+        Args:
+            target: the new file, or folder where path is one; may be path itself.
+            q: angles of each episode [rad], (m, n), as `episodes`.
+            about: what is said of the new file (robot, robot_hash, certificate, as JSON can
+                hold it), in layouts that have a place for words of ours; others leave it out.
+
+        Raises:
+            TrajectoryError: q is not of these episodes, or is not finite; or target is a folder
+                that is no data set of this layout.
+            OSError: the disk refuses.
+        """

@@ -1,0 +1,1 @@
+"""Files that could run programs, read as data."""
