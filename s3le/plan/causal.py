@@ -26,6 +26,8 @@ WANTED, LIMITED, SHORTENED, BRAKED, HELD = range(5)  # how a step came about
 ROUNDING = 1e-9  # share by which a speed or acceleration may exceed its limit: of floats
 _EPS = 1e-7  # share of every limit that is not used, so that no rounding exceeds it
 _PARTS = 4  # parts of the way to the refused pose that are tried
+_AIM = 0.03  # [s], steps in which the way is counted that a braking joint goes on, at least: with
+# shorter ones a joint would be slowed down for a wanted pose that moves on before it is reached
 _LONG = 64  # most rows of a braking motion that are looked at
 
 
@@ -121,6 +123,17 @@ def safe(chain, swept, s, q, to, dt, bounds, care, out):
 
 
 @compiled
+def further(w, acceleration, dt):
+    """How far a joint at speed w [rad/s] goes on [rad] while it brakes in steps of dt."""
+    unit = acceleration * dt
+    if not unit < np.inf:
+        return 0.0
+    m = np.floor(abs(w) / unit)
+    far = dt * (m * abs(w) - 0.5 * unit * m * (m + 1.0))
+    return far if w > 0.0 else -far
+
+
+@compiled
 def search(chain, balls, q, v, low, high, dt, bounds, care, want, x, bone, W, c):
     """The pose of a box that is nearest to what is wanted, pairs kept apart.
 
@@ -166,11 +179,10 @@ def search(chain, balls, q, v, low, high, dt, bounds, care, want, x, bone, W, c)
             w = (c[i] - q[i]) / dt
             unit = bounds.acceleration[i] * dt
             m = np.floor(abs(w) / unit) if unit < np.inf else 0.0
-            far = dt * (m * abs(w) - 0.5 * unit * m * (m + 1.0)) if m > 0.0 else 0.0
-            rest[i] = c[i] + far if w > 0.0 else c[i] - far
+            rest[i] = c[i] + further(w, bounds.acceleration[i], dt)
             times[i] = 1.0 + m
             moving = moving or m > 0.0
-            goal[i] = c[i] + care.lead * (rest[i] - c[i])
+            goal[i] = c[i] + care.lead * further(w, bounds.acceleration[i], max(dt, _AIM))
             lower[i] = low[i] - c[i]
             upper[i] = high[i] - c[i]
         for i in range(n):

@@ -35,13 +35,13 @@ class _Recorder:
 
 
 class _Given:
-    """A proposer of one pose after another, whatever it is asked."""
+    """A proposer of the pose whose skeleton is asked for."""
 
-    def __init__(self, q: list[np.ndarray]) -> None:
-        self._left = iter(q)
+    def __init__(self, x: np.ndarray, q: np.ndarray) -> None:
+        self.x, self.q = x, q
 
     def propose(self, x: np.ndarray) -> np.ndarray:
-        return next(self._left)[None]
+        return self.q[np.argmax(self.x @ x)][None]
 
 
 def follow(
@@ -120,11 +120,9 @@ def _looked_up(
     ]
     # What was asked has been through the filter, so that there is none the second time.
     settings = replace(retargeter.settings, cutoff=0.0, delay=False)
-    given = _Given([found[k] for found, k in zip(recorder.found, nearest, strict=True)])
-    made = loop(
-        Retargeter(robot, given, settings),
+    given = _Given(
         np.array([rows[k] for rows, k in zip(shown, nearest, strict=True)]),
-        times,
-        look_ahead=look_ahead,
+        np.array([found[k] for found, k in zip(recorder.found, nearest, strict=True)]),
     )
+    made = loop(Retargeter(robot, given, settings), given.x, times, look_ahead=look_ahead)
     return made.q, made.mode
