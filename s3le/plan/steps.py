@@ -1,6 +1,6 @@
 """Streams: one wanted pose after another to certified steps, without looking ahead.
 
-    walker = Walker(machine, limits(machine), q=where_the_robot_is)
+    walker = Walker(robot, limits(robot), q=where_the_robot_is)
     step = walker.step(wanted, dt)
 
 Every step is within limits, speed and acceleration, its pose keeps the margin, and its path is
@@ -14,14 +14,19 @@ import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
-from s3le.plan import causal, limits, pursue, weights
+from s3le.kernels.solver import clearance_of
+from s3le.plan import causal, ends, limits, pursue, weights
 from s3le.plan.limits import SHORTEST, Limits
+from s3le.plan.causal import Bounds
 from s3le.plan.settings import Settings, bounds
 from s3le.robot.robot import Robot
 from s3le.safety import segment
 from s3le.safety.swept import swept
 from s3le.skeleton import DIM
 
+EVEN = 1e-6  # share by which steps of a stream may differ and count as even
+_LONG = 10_000  # most rows of a braking motion
+_NEARER = 3e-6  # [m], more than what a measured clearance and the kernels' differ by and ask for
 LONGEST = 1.0  # [s], a robot that was left alone for longer moves as if it had been this
 HOW = {
     causal.WANTED: "wanted",
@@ -33,11 +38,23 @@ HOW = {
 }
 
 
+class State(NamedTuple):
+    """All that a walker knows beside its settings; plain numbers and arrays."""
+
+    q: np.ndarray  # [rad], (n,), where the robot is
+    v: np.ndarray  # [rad/s], (n,), the speed of its last step
+    before: float  # [s], its duration; NaN: there was none
+    even: bool  # all steps so far were of one length
+    flag: np.ndarray  # int64 (4,) and
+    way: np.ndarray  # [rad], (2, n), see pursue.Memory
+
+
 class Step(NamedTuple):
     """One answer."""
 
     q: np.ndarray  # [rad], (n,), where to be when the step is over
     how: str  # how it came about, one of HOW
+    clearance: float  # [m], of the pose
     bound: float  # [m], proven clearance of the path that leads there
     certified: bool  # within all limits and proven; False only where it had to stand still at once
 
@@ -59,7 +76,7 @@ class Walker:
         """Put the robot where it is.
 
         Args:
-            machine, most, settings: see whole.Planner.
+            robot, most, settings: see whole.Planner.
             q: where the robot stands [rad], (n,).
             skeleton: see whole.Planner.plan.
             weight: of the joints, (n, n). None: weights.of_joints, or, beside the skeleton,
@@ -89,11 +106,11 @@ class Walker:
             raise ParameterError(f"bones need {DIM} finite weights of at least 0")
         self._bone, self._skeleton = bone, skeleton
         self._memory = pursue.memory(joints)
-        self._none = np.zeros((0, n))
+        self._none, self._nothing = np.zeros((0, n)), np.empty(0)
         self._q = _pose(q, n, "the pose of the robot")
         report = self._certifier.require(self._q[None], robot.margin)
         self._clearance = float(report.clearance[0])
-        self._v, self._before = np.zeros(n), np.nan
+        self._v, self._before, self._even = np.zeros(n), np.nan, True
 
     @property
     def q(self) -> np.ndarray:
@@ -101,9 +118,50 @@ class Walker:
         return self._q.copy()
 
     @property
+    def clearance(self) -> float:
+        """Clearance of the pose where it is [m]."""
+        return self._clearance
+
+    @property
     def v(self) -> np.ndarray:
         """The speed of its last step [rad/s], (n,)."""
         return self._v.copy()
+
+    def state(self) -> State:
+        """Where the robot is and what it is about; a copy."""
+        memory = self._memory
+        return State(
+            self.q, self.v, self._before, self._even, memory.flag.copy(), memory.way.copy()
+        )  # fmt: skip
+
+    def restore(self, state: State) -> None:
+        """Go on from a state of a walker of the same robot, limits and settings.
+
+        Raises:
+            ParameterError: it has other shapes, or holds what is no number.
+            CertificateError: the pose is not feasible, or from there it is not proven that the
+                robot can brake within its limits. Nothing has changed.
+        """
+        n = len(self._q)
+        q, v = _pose(state.q, n, "a state's pose"), _pose(state.v, n, "a state's speed")
+        flag, way = np.array(state.flag), np.array(state.way, float)
+        before = float(state.before)
+        good = flag.shape == (4,) and flag.dtype.kind == "i" and 0 <= flag[pursue.LEFT] <= 2
+        if not good or way.shape != (2, n) or not np.isfinite(way).all():
+            raise ParameterError("a state must come from Walker.state of the same robot")
+        if not (np.isnan(before) and not v.any()) and not SHORTEST <= before <= LONGEST:
+            raise ParameterError(f"a state's step must last {SHORTEST:g} to {LONGEST:g} s")
+        report = self._certifier.require(q[None], self.robot.margin)
+        kept = self._q, self._v
+        self._q, self._v = q, v
+        if v.any() and not (
+            (np.abs(v) <= self.most.speed * (1.0 + limits.ROUNDING)).all()
+            and self._rests(q, v, before, np.zeros(2))
+        ):
+            self._q, self._v = kept
+            raise CertificateError("from this state it is not proven that the robot can brake")
+        self._clearance, self._before, self._even = float(report.clearance[0]), before, state.even
+        self._memory.flag[:], self._memory.way[:] = flag, way
 
     def step(self, wanted: np.ndarray | None, dt: float, starts: np.ndarray | None = None) -> Step:
         """Where the robot is to be dt later.
@@ -128,28 +186,47 @@ class Walker:
         except (TypeError, ValueError, OverflowError):
             raise ParameterError(f"dt must be a number, got {dt!r}") from None
         if not dt >= SHORTEST:  # catches NaN
-            return Step(self.q, "held", self._clearance, True)
+            return Step(self.q, "held", self._clearance, self._clearance, True)
         before = dt if np.isnan(self._before) else self._before
         to, out = np.empty(n), np.zeros(2)
-        chain = self.robot.chain
+        chain, near = self.robot.chain, self._ends(dt)
+        self._even = self._even and abs(dt - before) <= EVEN * before
         if wanted is None:
             how = self._brake(before, dt, to, out)
+        elif self._as_wanted(wanted, before, dt, self._bounds if self._even else near, to, out):
+            how = causal.WANTED
         else:
             how = pursue.pursue(
                 chain, self._swept, self._scratch, self._memory, self._q, self._v, before, dt,
-                self._bounds, self._care, wanted, self._seen(wanted), self._bone, self._W, starts,
+                near, self._careful(), wanted, self._seen(wanted), self._bone, self._W, starts,
                 self.robot.anchor, self._rule, to, out,
             )  # fmt: skip
-        if self.settings.check and how != causal.HELD:
-            measured, room = self._certifier.one(to)
-            if not (measured >= self.robot.margin and room >= 0.0):
-                # The two engines disagree: then it is no, and what was proven before is driven.
-                how = self._brake(before, dt, to, out)
-        certified = how != causal.HELD or not self._v.any()
+        if how == causal.HELD and self._v.any():
+            how = self._brake(before, dt, to, out)
+        if how != causal.HELD and not self._measured(to):
+            # The two engines disagree: then it is no, and what was proven before is driven.
+            how = self._brake(before, dt, to, out)
+            if how != causal.HELD and not self._measured(to):
+                how = self._stand(to, out)
+        certified = how != causal.HELD and ends.allowed(
+            self._q, self._v, to, 0.5 * (before + dt), dt, self._bounds
+        )  # fmt: skip
+        certified = certified or (how == causal.HELD and not self._v.any())
         self._v[:] = (to - self._q) / dt
         self._q[:] = to
         self._before = dt
-        return Step(self.q, HOW[how], float(out[0]), certified)
+        return Step(self.q, HOW[how], self._clearance, float(out[0]), certified)
+
+    def _measured(self, to: np.ndarray) -> bool:
+        """Does a pose hold by the independent check, if it is asked? Notes its clearance."""
+        if not self.settings.check:
+            self._clearance = float(clearance_of(self.robot.chain, self._swept.balls, to))
+            return True
+        measured, room = self._certifier.one(to)
+        if not (measured >= self.robot.margin and room >= 0.0):  # catches NaN
+            return False
+        self._clearance = measured
+        return True
 
     def _brake(self, before: float, dt: float, to: np.ndarray, out: np.ndarray) -> int:
         mean = 0.5 * (before + dt)
@@ -159,6 +236,77 @@ class Walker:
             self._care, out,
         ):  # fmt: skip
             return causal.BRAKED
+        if self._rests(to, (to - self._q) / dt, dt, out):
+            return causal.BRAKED
+        # Steps have changed in length, so the rows are others than those that were proven. Some
+        # other way to slow down that stays farther away, looked for as any step is.
+        rest, w, then = to.copy(), (to - self._q) / dt, np.empty_like(to)
+        while causal.brake(rest, w, dt, dt, self._bounds, then):
+            w, rest[:] = (then - rest) / dt, then
+        for want in (rest, self.robot.anchor, self.q):
+            how = causal.advance(
+                self.robot.chain, self._swept, self._scratch, self._q, self._v, before, dt,
+                self._ends(dt), self._care, want, self._nothing, self._bone, self._memory.W, to, out,
+            )  # fmt: skip
+            if how != causal.HELD:
+                return causal.BRAKED
+        return self._stand(to, out)
+
+    def _rests(self, here: np.ndarray, v: np.ndarray, dt: float, out: np.ndarray) -> bool:
+        """Is the motion proven on which the robot would brake from here, however many rows?"""
+        here, then, bound = here.copy(), np.empty_like(here), np.zeros(2)
+        if not self._clear(self._q, here, out):
+            return False
+        for _ in range(_LONG):
+            if not causal.brake(here, v, dt, dt, self._bounds, then):
+                return True
+            if not self._clear(here, then, bound):
+                return False
+            v, here[:] = (then - here) / dt, then
+        return False
+
+    def _clear(self, q0: np.ndarray, q1: np.ndarray, out: np.ndarray) -> bool:
+        its = self.robot.chain, self._swept, self._scratch
+        return bool(causal.clear(*its, q0, q1, self._care, out))
+
+    def _ends(self, dt: float) -> Bounds:
+        """The bounds in which a joint may go on so that it can brake whatever steps come."""
+        lower, upper = np.empty_like(self._q), np.empty_like(self._q)
+        ends.within_reach(self._q, dt, self._bounds, lower, upper)
+        return self._bounds._replace(lower=lower, upper=upper)
+
+    def _as_wanted(
+        self,
+        wanted: np.ndarray,
+        before: float,
+        dt: float,
+        near: Bounds,
+        to: np.ndarray,
+        out: np.ndarray,
+    ) -> bool:
+        """Can the wanted pose be taken as it is?"""
+        if not causal.within(self._q, self._v, 0.5 * (before + dt), dt, near, wanted):
+            return False
+        to[:] = wanted
+        if not causal.safe(
+            self.robot.chain, self._swept, self._scratch, self._q, to, dt, near, self._care, out,
+        ):  # fmt: skip
+            return False
+        self._memory.flag[pursue.MODE] = self._memory.flag[pursue.LEFT] = 0
+        return True
+
+    def _careful(self) -> causal.Care:
+        """The clearances of a step: some in reserve, but no more than the robot has already."""
+        care, reserve = self._care, self.settings.reserve
+        if not reserve:
+            return care
+        most = max(self._clearance - _NEARER, care.margin)
+        return care._replace(
+            margin=min(care.margin + reserve, most, care.target),
+            between=min(care.between + reserve, care.margin),
+        )
+
+    def _stand(self, to: np.ndarray, out: np.ndarray) -> int:
         to[:] = self._q
         out[0] = self._clearance = float(self._certifier.one(self._q)[0])
         return causal.HELD
