@@ -9,9 +9,9 @@ less, by up to a dt^2 / 8.
 import numpy as np
 
 from s3le.kernels.compiled import compiled
+from s3le.plan.causal import ROUNDING
 from s3le.plan.chase import stopping
 
-ROUNDING = 1e-9  # share by which a speed or an acceleration may exceed its limit: of floats
 _SPARE = 1e-6  # share of the way to a limit that is kept, so that no rounding exceeds it
 
 

@@ -16,8 +16,8 @@ from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.kernels.solver import clearance_of
 from s3le.plan import causal, ends, limits, pursue, weights
-from s3le.plan.limits import SHORTEST, Limits
 from s3le.plan.causal import Bounds
+from s3le.plan.limits import SHORTEST, Limits
 from s3le.plan.settings import Settings, bounds
 from s3le.robot.robot import Robot
 from s3le.safety import segment
@@ -246,7 +246,8 @@ class Walker:
         for want in (rest, self.robot.anchor, self.q):
             how = causal.advance(
                 self.robot.chain, self._swept, self._scratch, self._q, self._v, before, dt,
-                self._ends(dt), self._care, want, self._nothing, self._bone, self._memory.W, to, out,
+                self._ends(dt), self._care, want, self._nothing, self._bone, self._memory.W, to,
+                out,
             )  # fmt: skip
             if how != causal.HELD:
                 return causal.BRAKED
