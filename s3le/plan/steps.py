@@ -25,6 +25,7 @@ from s3le.safety.swept import swept
 from s3le.skeleton import DIM
 
 EVEN = 1e-6  # share by which steps of a stream may differ and count as even
+_RESTS = 1e-9  # [rad], by which a joint may come to rest beyond its limit: of floats
 _LONG = 10_000  # most rows of a braking motion
 _NEARER = 3e-6  # [m], more than what a measured clearance and the kernels' differ by and ask for
 LONGEST = 1.0  # [s], a robot that was left alone for longer moves as if it had been this
@@ -44,6 +45,7 @@ class State(NamedTuple):
     q: np.ndarray  # [rad], (n,), where the robot is
     v: np.ndarray  # [rad/s], (n,), the speed of its last step
     before: float  # [s], its duration; NaN: there was none
+    clearance: float  # [m], of the pose
     even: bool  # all steps so far were of one length
     flag: np.ndarray  # int64 (4,) and
     way: np.ndarray  # [rad], (2, n), see pursue.Memory
@@ -131,7 +133,8 @@ class Walker:
         """Where the robot is and what it is about; a copy."""
         memory = self._memory
         return State(
-            self.q, self.v, self._before, self._even, memory.flag.copy(), memory.way.copy()
+            self.q, self.v, self._before, self._clearance, self._even, memory.flag.copy(),
+            memory.way.copy(),
         )  # fmt: skip
 
     def restore(self, state: State) -> None:
@@ -152,16 +155,33 @@ class Walker:
         if not (np.isnan(before) and not v.any()) and not SHORTEST <= before <= LONGEST:
             raise ParameterError(f"a state's step must last {SHORTEST:g} to {LONGEST:g} s")
         report = self._certifier.require(q[None], self.robot.margin)
-        kept = self._q, self._v
-        self._q, self._v = q, v
-        if v.any() and not (
-            (np.abs(v) <= self.most.speed * (1.0 + limits.ROUNDING)).all()
-            and self._rests(q, v, before, np.zeros(2))
-        ):
-            self._q, self._v = kept
+        if v.any():
+            a, most = self.most.acceleration, self.most
+            far = np.maximum(np.abs(v) - 0.5 * a * before, 0.0) ** 2 / (2.0 * a)
+            room = np.where(v > 0.0, most.upper - q, q - most.lower)
+            stops = (np.abs(v) <= most.speed * (1.0 + limits.ROUNDING)).all()
+            stops = stops and (np.isinf(a) | (far <= room + _RESTS)).all()
+            kept, self._q = self._q, q
+            stops = stops and self._rests(q, v, before, np.zeros(2))
+            self._q = kept
+        if v.any() and not stops:
             raise CertificateError("from this state it is not proven that the robot can brake")
-        self._clearance, self._before, self._even = float(report.clearance[0]), before, state.even
-        self._memory.flag[:], self._memory.way[:] = flag, way
+        self.put(State(q, v, before, float(report.clearance[0]), bool(state.even), flag, way))
+
+    def put(self, state: State) -> None:
+        """Go back to a state of this very walker; it is not looked at again."""
+        self._q[:], self._v[:] = state.q, state.v
+        self._before, self._even, self._clearance = state.before, state.even, state.clearance
+        self._memory.flag[:], self._memory.way[:] = state.flag, state.way
+
+    def warm_up(self) -> None:
+        """Compile what a step needs, or read it from the store, so that no step waits for it."""
+        kept, out = self.state(), np.zeros(2)
+        for wanted in (self.robot.anchor, self.most.upper + 1.0, None):
+            self.step(wanted, 0.02)
+        self._rests(self._q, self._v, 0.02, out)
+        self._otherwise(0.02, 0.02, self.q, out)
+        self.put(kept)
 
     def step(self, wanted: np.ndarray | None, dt: float, starts: np.ndarray | None = None) -> Step:
         """Where the robot is to be dt later.
@@ -238,6 +258,9 @@ class Walker:
             return causal.BRAKED
         if self._rests(to, (to - self._q) / dt, dt, out):
             return causal.BRAKED
+        return self._otherwise(before, dt, to, out)
+
+    def _otherwise(self, before: float, dt: float, to: np.ndarray, out: np.ndarray) -> int:
         # Steps have changed in length, so the rows are others than those that were proven. Some
         # other way to slow down that stays farther away, looked for as any step is.
         rest, w, then = to.copy(), (to - self._q) / dt, np.empty_like(to)
