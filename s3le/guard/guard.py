@@ -246,9 +246,9 @@ class Guard:
             raise ParameterError(f"dt must be one number or {h} [s], got {np.shape(dt)}")
         each = [dt] * h if np.ndim(dt) == 0 else list(np.asarray(dt))
         each = [min(duration(one, SHORTEST), LONGEST) for one in each]
-        driven = h if advance is True else int(advance)
-        if not isinstance(advance, (bool, int, np.integer)) or not 0 <= driven <= h:
+        if not isinstance(advance, (bool, int, np.integer)) or not 0 <= advance <= h:
             raise ParameterError(f"advance must be true, false or 0 to {h} rows, got {advance!r}")
+        driven = h if advance is True else int(advance)
         if measured is not None:
             self._compare(measured)
         kept, made = self._keep(), []

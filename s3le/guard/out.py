@@ -48,7 +48,7 @@ def find(robot: Robot, q: np.ndarray, need: Need) -> np.ndarray:
     it = _Search(robot, q, need)
     ways = []
     if (downhill := it.downhill()) is not None:
-        ways += [downhill, np.stack([q, downhill[-1]])]
+        ways.append(it.shortcut(downhill))
     ways += [np.stack([q, end]) for end in it.ends()]
     for way in sorted(ways, key=length):
         if it.leads(way):
@@ -75,8 +75,11 @@ class _Search:
         self.d = batch.pair_distances(self.chain, q[None])[0]
         self.close = ~(self.d >= need.margin + _SLACK)
         rest = self.chain._replace(pair=np.ascontiguousarray(self.chain.pair[~self.close]))
-        # The other pairs keep what they can: one of them may already be as near as the margin.
         self._others = rest, swept(rest), segment.scratch(rest)
+        self._between = min(need.between, float(self.d[~self.close].min(initial=np.inf)))
+        self._closed = self.chain._replace(
+            pair=np.ascontiguousarray(self.chain.pair[self.close])
+        )  # fmt: skip
         self._certifier = robot.certifier()
 
     def complaint(self) -> str:
@@ -139,22 +142,34 @@ class _Search:
         """Does the way keep all that a way out must?"""
         if not self._good(way[-1]):
             return False
-        beyond = np.maximum(self.robot.lower - way, way - self.robot.upper)
-        if not (np.diff(np.maximum(beyond, 0.0), axis=0) <= 1e-12).all():
+        return all(self._leg(a, b) for a, b in zip(way[:-1], way[1:], strict=True))
+
+    def shortcut(self, way: np.ndarray) -> np.ndarray:
+        """The same way with fewer corners, where the straight one leads too."""
+        kept, at, last = [0], 0, len(way) - 1
+        while at < last:
+            to = last
+            while to > at + 1 and not self._leg(way[at], way[to]):
+                to = at + max((to - at) // 2, 1)
+            kept.append(to)
+            at = to
+        return way[kept]
+
+    def _leg(self, a: np.ndarray, b: np.ndarray) -> bool:
+        ends = np.stack([a, b])
+        beyond = np.maximum(np.maximum(self.robot.lower - ends, ends - self.robot.upper), 0.0)
+        if not (beyond[1] <= beyond[0] + 1e-12).all():
+            return False
+        count = max(int(np.ceil(np.abs(b - a).max() / _SAMPLE)), 1)
+        poses = a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a)
+        near = batch.pair_distances(self._closed, poses)
+        if not (np.diff(np.minimum(near, self.need.margin), axis=0) >= -_SLACK).all():
             return False
         chain, bound, scratch = self._others
-        between = min(self.need.between, float(self.d[~self.close].min(initial=np.inf)) - _SLACK)
-        for a, b in zip(way[:-1], way[1:], strict=True):
-            count = max(int(np.ceil(np.abs(b - a).max() / _SAMPLE)), 1)
-            poses = a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a)
-            near = batch.pair_distances(self.chain, poses)[:, self.close]
-            if not (np.diff(np.minimum(near, self.need.margin), axis=0) >= -_SLACK).all():
-                return False
-            if len(chain.pair) and (
-                segment.prove(chain, bound, scratch, a, b, between, _BUDGET)[0] != segment.CERTIFIED
-            ):
-                return False
-        return True
+        return not len(chain.pair) or (
+            segment.prove(chain, bound, scratch, a, b, self._between, _BUDGET)[0]
+            == segment.CERTIFIED
+        )
 
     def _good(self, q: np.ndarray) -> bool:
         clearance, room = self._certifier.one(q)
