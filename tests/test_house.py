@@ -72,6 +72,7 @@ APART = [
     ("s3le/safety/", {"torch", "matplotlib"}),
     ("s3le/search/", {"torch", "matplotlib"}),
     ("s3le/plan/", {"torch", "matplotlib", "ray"}),
+    ("s3le/guard/", {"torch", "matplotlib"}),
     ("s3le/human/", {"torch", "numba", "pinocchio", "coal", "matplotlib"}),
     ("s3le/report/", {"torch", "pinocchio", "coal"}),
     ("s3le/tuples/", {"torch", "matplotlib"}),
@@ -219,6 +220,7 @@ def test_files_can_be_read_in_one_sitting(path):
 def test_front_doors_are_empty(path):
     public = {  # what people import from a room, and what hands it out lazily
         "retarget": {"Retargeter"},
+        "guard": {"import_module"},
         "s3le": {"os", "import_module"},
     }
     named = [

@@ -5,7 +5,7 @@ import numpy as np
 from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import clearance, place_capsules
 from s3le.kernels.kinematics import place
-from s3le.plan.causal import LIMITED
+from s3le.plan.causal import LIMITED, within
 from s3le.plan.chase import fastest, speeds
 
 JOINT, LIMIT, BODIES = range(3)  # kinds of causes
@@ -43,10 +43,14 @@ def why(chain, balls, q, v, before, dt, bounds, target, how, want, to):
     Returns:
         (kind, which): JOINT and the joint that has the longest way to go; LIMIT and the joint that
         is wanted farthest beyond its limits; BODIES and the watched pair that is nearest, at the
-        end of the step or where the robot would come to rest.
+        end of the step or where the robot would come to rest: of the wanted step where the joints
+        could make it, else of the one that was made.
     """
     n = len(q)
     mean = 0.5 * (before + dt)
+    could = within(q, v, mean, dt, bounds, want)
+    if could:
+        to = want
     slowest, outside = -1, 0
     longest = beyond = off = 0.0
     rest = to.copy()
@@ -70,15 +74,15 @@ def why(chain, balls, q, v, before, dt, bounds, target, how, want, to):
         off = max(off, abs(w - now))
         on = max(abs(now) - 0.5 * a * dt, 0.0) ** 2 / (2.0 * a) if a < np.inf else 0.0
         rest[i] = min(max(to[i] + (on if now > 0.0 else -on), bounds.lower[i]), bounds.upper[i])
-    if slowest < 0:
+    if slowest < 0 and not could:
         return LIMIT, outside
-    if how == LIMITED and off <= _ALONE:
+    if how == LIMITED and off <= _ALONE and not could:
         return JOINT, slowest
     gap, pair = closest(chain, balls, to)
     if gap > target + _NEAR:
         later, other = closest(chain, balls, rest)
         if later < gap:
             gap, pair = later, other
-    if pair < 0 or (how == LIMITED and gap > target + _NEAR):
-        return JOINT, slowest
+    if pair < 0 or (how == LIMITED and gap > target + _NEAR and not could):
+        return JOINT, max(slowest, 0)
     return BODIES, pair
