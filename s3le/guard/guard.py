@@ -244,8 +244,8 @@ class Guard:
         h = len(rows)
         if np.ndim(dt) not in (0, 1) or (np.ndim(dt) == 1 and np.shape(dt) != (h,)):
             raise ParameterError(f"dt must be one number or {h} [s], got {np.shape(dt)}")
-        each = [dt] * h if np.ndim(dt) == 0 else list(np.asarray(dt))
-        each = [min(duration(one, SHORTEST), LONGEST) for one in each]
+        given = [dt] * h if np.ndim(dt) == 0 else list(np.asarray(dt))
+        each = [min(duration(one, SHORTEST), LONGEST) for one in given]
         if not isinstance(advance, (bool, int, np.integer)) or not 0 <= advance <= h:
             raise ParameterError(f"advance must be true, false or 0 to {h} rows, got {advance!r}")
         driven = h if advance is True else int(advance)

@@ -45,7 +45,8 @@ class Clock:
         if not 0.1 <= rate <= 10_000.0:
             raise ParameterError(f"rate must be in [0.1, 10000] Hz, got {rate!r}")
         self.time = 0.0  # [s], of the last good line
-        self._period, self._owed, self._last = 1.0 / rate, 0.0, None
+        self._period, self._owed = 1.0 / rate, 0.0
+        self._last: float | None = None  # [s], what the line before said
 
     def parse(self, line: bytes) -> dict[str, Any]:
         """What a line holds.
@@ -90,7 +91,7 @@ class Clock:
                 if not value > 0:
                     raise ParameterError(f"dt must be above 0 s, got {value!r:.40}")
                 return float(value)
-            last: float | None = self._last
+            last = self._last
             if last is not None and not value > last:
                 raise ParameterError(f"t must rise: {value!r:.40} s after {last!r} s")
             self._last = float(value)

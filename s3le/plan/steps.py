@@ -25,6 +25,7 @@ from s3le.safety.swept import swept
 from s3le.skeleton import DIM
 
 EVEN = 1e-6  # share by which steps of a stream may differ and count as even
+_ROWS = 60  # of a braking motion, so that the kernels look at all of it (causal.safe)
 _RESTS = 1e-9  # [rad], by which a joint may come to rest beyond its limit: of floats
 _LONG = 10_000  # most rows of a braking motion
 _NEARER = 3e-6  # [m], more than what a measured clearance and the kernels' differ by and ask for
@@ -297,7 +298,8 @@ class Walker:
         """The bounds in which a joint may go on so that it can brake whatever steps come."""
         lower, upper = np.empty_like(self._q), np.empty_like(self._q)
         ends.within_reach(self._q, dt, self._bounds, lower, upper)
-        return self._bounds._replace(lower=lower, upper=upper)
+        speed = np.minimum(self._bounds.speed, _ROWS * dt * self._bounds.acceleration)
+        return self._bounds._replace(lower=lower, upper=upper, speed=speed)
 
     def _as_wanted(
         self,

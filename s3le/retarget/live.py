@@ -51,7 +51,8 @@ class Live:
         """
         self._its, self._clock, self._tilt = retargeter, Clock(rate), tilt_max
         self._about, self._number = about or {}, 0
-        self._begin, self._guard = guard or (lambda: Guard(retargeter.robot)), None
+        self._begin = guard or (lambda: Guard(retargeter.robot))
+        self._guard: Guard | None = None
         self._human = False  # a frame of a human has been followed
         self._heading = 0.0  # [rad], of the last good line
         self._stream = retargeter.start(retargeter.robot.anchor, check=True)
