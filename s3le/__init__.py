@@ -11,6 +11,7 @@ from importlib import import_module
 
 __version__ = "0.2.0"
 _HOME = {  # name -> the module that defines it
+    "Guard": "s3le.guard.guard",
     "Retargeter": "s3le.retarget.stream",
     "Robot": "s3le.robot.robot",
     "audit": "s3le.safety.audit",
@@ -18,7 +19,7 @@ _HOME = {  # name -> the module that defines it
     "retarget_clip": "s3le.retarget.clip",
     "retargeter_for": "s3le.retarget.stored",
 }
-__all__ = ["Retargeter", "Robot", "__version__", "audit", "read_clip", "retarget_clip",
+__all__ = ["Guard", "Retargeter", "Robot", "__version__", "audit", "read_clip", "retarget_clip",
            "retargeter_for"]  # fmt: skip
 
 # Threads of torch and numba that wait for each other by spinning take three times as long when

@@ -44,6 +44,10 @@ class CertificateError(S3leError):
     """A pose that should be feasible is not, by the independent check."""
 
 
+class StateError(S3leError):
+    """A robot is not where it should be, or its state is another robot's: joint, how far."""
+
+
 class TrainingError(S3leError):
     """A training cannot go on: no data, a loss that is not finite, a foreign checkpoint."""
 

@@ -37,8 +37,8 @@ def test_every_name_has_a_section_and_no_other():
 
 @pytest.mark.parametrize(
     "name",
-    ["Robot.load", "Retargeter.load", "Retargeter.start", "audit", "read_clip", "retarget_clip",
-     "retargeter_for"],
+    ["Guard.load", "Guard.start", "Guard.step", "Guard.chunk", "Robot.load", "Retargeter.load",
+     "Retargeter.start", "audit", "read_clip", "retarget_clip", "retargeter_for"],
 )  # fmt: skip
 def test_a_signature_on_the_page_is_the_code_s(name):
     found = s3le

@@ -1,14 +1,17 @@
-"""`s3le stream`: a live human in, a certified robot out, line by line."""
+"""`s3le stream`: a live human, or wanted joints, in; a certified robot out, line by line."""
 
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from math import radians
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from s3le.cli import options, shell
+from s3le.errors import ParameterError
 
 
 def stream(
@@ -27,30 +30,33 @@ def stream(
     tilt_max: Annotated[
         float, typer.Option(help="Refuse points whose torso leans farther [deg].")
     ] = 60.0,
+    joints: Annotated[
+        bool, typer.Option("--joints", help="Lines of joints alone: no poses are made for a human.")
+    ] = False,
 ) -> None:
     """Follow a stream of frames: JSON lines in, one certified pose out for each.
 
     In: {"x": [21 numbers], "dt": 0.033} or {"points": {"hip": [x, y, z], ...}, "t": 1.2}, metres,
-    z up. Out: first a line that names the joints and the poses or the model, then {"t": s, "q":
-    [rad], "mode": "...", "clearance": m} for each line in, or {"line": n, "error": "..."} where it
-    could not be used; the stream goes on. The robot begins at its anchor.
+    z up; or joints, {"q": [rad, ...] or {"joint": rad, ...}, "dt": 0.004}. Out: first a line that
+    names the joints and the poses or the model, then {"t": s, "q": [rad], "mode": "...",
+    "clearance": m}, of joints with "reason" and "certified", for each line in, or {"line": n,
+    "error": "..."} where it could not be used; the stream goes on. The robot begins at its anchor.
 
     \b
     camera | s3le stream --rate 60 > poses.jsonl
+    leader | s3le stream --joints --robot g1 --rate 250
     s3le stream --listen 5555
 
     Exit status: 0 at the end of input, 2 if nothing could begin or the independent check refused
     a pose.
     """  # noqa: D301
-    from s3le.retarget import live
+    from s3le.guard import live
 
     with shell.guarded():
-        retargeter, about, line = shell.retargeter(model, method, robot, streams=True)
-        typer.echo(line, err=True)
-
-        def begin() -> live.Live:
-            return live.Live(retargeter, rate, radians(tilt_max), about)
-
+        if joints:
+            begin = _of_joints(robot, model, method, rate)
+        else:
+            begin = _of_a_human(robot, model, method, rate, radians(tilt_max))
         if listen is not None:
             _listen(listen, begin)
             return
@@ -62,11 +68,45 @@ def stream(
         live.serve(begin(), live.lines(sys.stdin.buffer), say)
 
 
-def _listen(port: int, begin) -> None:
+def _of_a_human(
+    robot: str | None, model: Path | None, method: str | None, rate: float, tilt: float
+) -> Callable:
+    """What begins a stream of either kind."""
+    from s3le.guard.guard import Guard
+    from s3le.retarget.live import Live
+
+    retargeter, about, line = shell.retargeter(model, method, robot, streams=True)
+    typer.echo(line, err=True)
+
+    def guard() -> Guard:
+        return Guard(retargeter.robot, speed_factor=retargeter.settings.speed_factor)
+
+    return lambda: Live(retargeter, rate, tilt, about, guard)
+
+
+def _of_joints(robot: str | None, model: Path | None, method: str | None, rate: float) -> Callable:
+    """What begins a stream of joints; kernels are compiled before the first line."""
+    from s3le.guard.guard import Guard
+    from s3le.guard.live import LiveJoints
+
+    if model is not None or method is not None:
+        raise ParameterError("--joints takes no --model and no --method: nobody is looked up")
+    made = shell.robot(robot)
+    typer.echo(f"robot {made.name} ({made.description.source}), wanted joints", err=True)
+    guard = Guard(made)
+
+    def begin() -> LiveJoints:
+        guard.start()
+        return LiveJoints(guard, rate)
+
+    return begin
+
+
+def _listen(port: int, begin: Callable) -> None:
     """Serve one client after the other on loopback, until interrupted."""
     import socket
 
-    from s3le.retarget import live
+    from s3le.guard import live
 
     with socket.create_server(("127.0.0.1", port)) as server:
         typer.echo(f"listening on 127.0.0.1:{server.getsockname()[1]}", err=True)

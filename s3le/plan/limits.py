@@ -27,13 +27,14 @@ class Limits(NamedTuple):
 
 
 def limits(
-    robot: Robot, acceleration: float | np.ndarray = ACCELERATION, speed_factor: float = 1.0
+    robot: Robot, acceleration: float | np.ndarray | None = None, speed_factor: float = 1.0
 ) -> Limits:
     """The limits of a robot.
 
     Args:
         robot: the robot; positions and speeds are its file's. A speed of 0 is none.
-        acceleration: one for all joints, or one each (n,) [rad/s^2]; inf: any.
+        acceleration: one for all joints, or one each (n,) [rad/s^2]; inf: any. None: the robot
+            file's, and ACCELERATION where it says nothing.
         speed_factor: share of the speeds that is used, in (0, 1].
 
     Raises:
@@ -44,6 +45,9 @@ def limits(
     speed[~(speed > 0.0)] = np.inf
     if not 0.0 < speed_factor <= 1.0:
         raise ParameterError(f"speed factor must be in (0, 1], got {speed_factor!r}")
+    if acceleration is None:
+        own = [joint.acceleration for joint in robot.joints]
+        acceleration = np.array([ACCELERATION if one is None else one for one in own])
     try:
         most = np.broadcast_to(np.asarray(acceleration, float), (n,)).copy()
     except (TypeError, ValueError):

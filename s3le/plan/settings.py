@@ -14,6 +14,7 @@ from s3le.safety.paths import BUDGET
 RANGES = {  # field -> (least, most), both allowed
     "target": (0.0, 0.1),
     "between": (1e-9, 0.1),
+    "reserve": (0.0, 0.1),
     "band": (0.0, 1.0),
     "horizon": (0.01, 60.0),
     "window": (16, 100_000),
@@ -40,6 +41,7 @@ class Settings:
 
     target: float = 0.004  # clearance that is aimed at [m], at least the poses' margin
     between: float = 0.0005  # clearance kept on the paths between poses [m], at most the margin
+    reserve: float = 0.0  # more than margin and between that a stream keeps where it can [m]
     band: float = 0.03  # pairs farther than this over the target are left out [m]
     horizon: float = 0.5  # time before and after what is broken in which rows may move [s]
     window: int = 300  # most rows that are planned at once

@@ -15,7 +15,8 @@ import numpy as np
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.kernels.solver import clearance_of
-from s3le.plan import causal, limits, pursue, weights
+from s3le.plan import causal, ends, limits, pursue, weights
+from s3le.plan.causal import Bounds
 from s3le.plan.limits import SHORTEST, Limits
 from s3le.plan.settings import Settings, bounds
 from s3le.robot.robot import Robot
@@ -24,6 +25,11 @@ from s3le.safety.swept import swept
 from s3le.skeleton import DIM
 
 SLOWEST = "pursue.pursue"  # of the kernels that a step needs, to compile
+EVEN = 1e-6  # share by which steps of a stream may differ and count as even
+_ROWS = 60  # of a braking motion, so that the kernels look at all of it (causal.safe)
+_RESTS = 1e-9  # [rad], by which a joint may come to rest beyond its limit: of floats
+_LONG = 10_000  # most rows of a braking motion
+_NEARER = 3e-6  # [m], more than what a measured clearance and the kernels' differ by and ask for
 LONGEST = 1.0  # [s], a robot that was left alone for longer moves as if it had been this
 HOW = {
     causal.WANTED: "wanted",
@@ -33,6 +39,18 @@ HOW = {
     causal.HELD: "held",
     pursue.AROUND: "around",
 }
+
+
+class State(NamedTuple):
+    """All that a walker knows beside its settings; plain numbers and arrays."""
+
+    q: np.ndarray  # [rad], (n,), where the robot is
+    v: np.ndarray  # [rad/s], (n,), the speed of its last step
+    before: float  # [s], its duration; NaN: there was none
+    clearance: float  # [m], of the pose
+    even: bool  # all steps so far were of one length
+    flag: np.ndarray  # int64 (4,) and
+    way: np.ndarray  # [rad], (2, n), see pursue.Memory
 
 
 class Step(NamedTuple):
@@ -92,11 +110,11 @@ class Walker:
             raise ParameterError(f"bones need {DIM} finite weights of at least 0")
         self._bone, self._skeleton = bone, skeleton
         self._memory = pursue.memory(joints)
-        self._none = np.zeros((0, n))
+        self._none, self._nothing = np.zeros((0, n)), np.empty(0)
         self._q = _pose(q, n, "the pose of the robot")
         report = self._certifier.require(self._q[None], robot.margin)
         self._clearance = float(report.clearance[0])
-        self._v, self._before = np.zeros(n), np.nan
+        self._v, self._before, self._even = np.zeros(n), np.nan, True
 
     @property
     def q(self) -> np.ndarray:
@@ -112,6 +130,60 @@ class Walker:
     def v(self) -> np.ndarray:
         """The speed of its last step [rad/s], (n,)."""
         return self._v.copy()
+
+    def state(self) -> State:
+        """Where the robot is and what it is about; a copy."""
+        memory = self._memory
+        return State(
+            self.q, self.v, self._before, self._clearance, self._even, memory.flag.copy(),
+            memory.way.copy(),
+        )  # fmt: skip
+
+    def restore(self, state: State) -> None:
+        """Go on from a state of a walker of the same robot, limits and settings.
+
+        Raises:
+            ParameterError: it has other shapes, or holds what is no number.
+            CertificateError: the pose is not feasible, or from there it is not proven that the
+                robot can brake within its limits. Nothing has changed.
+        """
+        n = len(self._q)
+        q, v = _pose(state.q, n, "a state's pose"), _pose(state.v, n, "a state's speed")
+        flag, way = np.array(state.flag), np.array(state.way, float)
+        before = float(state.before)
+        good = flag.shape == (4,) and flag.dtype.kind == "i" and 0 <= flag[pursue.LEFT] <= 2
+        if not good or way.shape != (2, n) or not np.isfinite(way).all():
+            raise ParameterError("a state must come from Walker.state of the same robot")
+        if not (np.isnan(before) and not v.any()) and not SHORTEST <= before <= LONGEST:
+            raise ParameterError(f"a state's step must last {SHORTEST:g} to {LONGEST:g} s")
+        report = self._certifier.require(q[None], self.robot.margin)
+        if v.any():
+            a, most = self.most.acceleration, self.most
+            far = np.maximum(np.abs(v) - 0.5 * a * before, 0.0) ** 2 / (2.0 * a)
+            room = np.where(v > 0.0, most.upper - q, q - most.lower)
+            stops = (np.abs(v) <= most.speed * (1.0 + limits.ROUNDING)).all()
+            stops = stops and (np.isinf(a) | (far <= room + _RESTS)).all()
+            kept, self._q = self._q, q
+            stops = stops and self._rests(q, v, before, np.zeros(2))
+            self._q = kept
+        if v.any() and not stops:
+            raise CertificateError("from this state it is not proven that the robot can brake")
+        self.put(State(q, v, before, float(report.clearance[0]), bool(state.even), flag, way))
+
+    def put(self, state: State) -> None:
+        """Go back to a state of this very walker; it is not looked at again."""
+        self._q[:], self._v[:] = state.q, state.v
+        self._before, self._even, self._clearance = state.before, state.even, state.clearance
+        self._memory.flag[:], self._memory.way[:] = state.flag, state.way
+
+    def warm_up(self) -> None:
+        """Compile what a step needs, or read it from the store, so that no step waits for it."""
+        kept, out = self.state(), np.zeros(2)
+        for wanted in (self.robot.anchor, self.most.upper + 1.0, None):
+            self.step(wanted, 0.02)
+        self._rests(self._q, self._v, 0.02, out)
+        self._otherwise(0.02, 0.02, self.q, out)
+        self.put(kept)
 
     def step(self, wanted: np.ndarray | None, dt: float, starts: np.ndarray | None = None) -> Step:
         """Where the robot is to be dt later.
@@ -139,21 +211,29 @@ class Walker:
             return Step(self.q, "held", self._clearance, self._clearance, True)
         before = dt if np.isnan(self._before) else self._before
         to, out = np.empty(n), np.zeros(2)
-        chain = self.robot.chain
+        chain, near = self.robot.chain, self._ends(dt)
+        self._even = self._even and abs(dt - before) <= EVEN * before
         if wanted is None:
             how = self._brake(before, dt, to, out)
+        elif self._as_wanted(wanted, before, dt, self._bounds if self._even else near, to, out):
+            how = causal.WANTED
         else:
             how = pursue.pursue(
                 chain, self._swept, self._scratch, self._memory, self._q, self._v, before, dt,
-                self._bounds, self._care, wanted, self._seen(wanted), self._bone, self._W, starts,
+                near, self._careful(), wanted, self._seen(wanted), self._bone, self._W, starts,
                 self.robot.anchor, to, out,
             )  # fmt: skip
+        if how == causal.HELD and self._v.any():
+            how = self._brake(before, dt, to, out)
         if how != causal.HELD and not self._measured(to):
             # The two engines disagree: then it is no, and what was proven before is driven.
             how = self._brake(before, dt, to, out)
             if how != causal.HELD and not self._measured(to):
                 how = self._stand(to, out)
-        certified = how != causal.HELD or not self._v.any()
+        certified = how != causal.HELD and ends.allowed(
+            self._q, self._v, to, 0.5 * (before + dt), dt, self._bounds
+        )  # fmt: skip
+        certified = certified or (how == causal.HELD and not self._v.any())
         self._v[:] = (to - self._q) / dt
         self._q[:] = to
         self._before = dt
@@ -178,7 +258,80 @@ class Walker:
             self._care, out,
         ):  # fmt: skip
             return causal.BRAKED
+        if self._rests(to, (to - self._q) / dt, dt, out):
+            return causal.BRAKED
+        return self._otherwise(before, dt, to, out)
+
+    def _otherwise(self, before: float, dt: float, to: np.ndarray, out: np.ndarray) -> int:
+        # Steps have changed in length, so the rows are others than those that were proven. Some
+        # other way to slow down that stays farther away, looked for as any step is.
+        rest, w, then = to.copy(), (to - self._q) / dt, np.empty_like(to)
+        while causal.brake(rest, w, dt, dt, self._bounds, then):
+            w, rest[:] = (then - rest) / dt, then
+        for want in (rest, self.robot.anchor, self.q):
+            how = causal.advance(
+                self.robot.chain, self._swept, self._scratch, self._q, self._v, before, dt,
+                self._ends(dt), self._care, want, self._nothing, self._bone, self._memory.W, to,
+                out,
+            )  # fmt: skip
+            if how != causal.HELD:
+                return causal.BRAKED
         return self._stand(to, out)
+
+    def _rests(self, here: np.ndarray, v: np.ndarray, dt: float, out: np.ndarray) -> bool:
+        """Is the motion proven on which the robot would brake from here, however many rows?"""
+        here, then, bound = here.copy(), np.empty_like(here), np.zeros(2)
+        if not self._clear(self._q, here, out):
+            return False
+        for _ in range(_LONG):
+            if not causal.brake(here, v, dt, dt, self._bounds, then):
+                return True
+            if not self._clear(here, then, bound):
+                return False
+            v, here[:] = (then - here) / dt, then
+        return False
+
+    def _clear(self, q0: np.ndarray, q1: np.ndarray, out: np.ndarray) -> bool:
+        its = self.robot.chain, self._swept, self._scratch
+        return bool(causal.clear(*its, q0, q1, self._care, out))
+
+    def _ends(self, dt: float) -> Bounds:
+        """The bounds in which a joint may go on so that it can brake whatever steps come."""
+        lower, upper = np.empty_like(self._q), np.empty_like(self._q)
+        ends.within_reach(self._q, dt, self._bounds, lower, upper)
+        speed = np.minimum(self._bounds.speed, _ROWS * dt * self._bounds.acceleration)
+        return self._bounds._replace(lower=lower, upper=upper, speed=speed)
+
+    def _as_wanted(
+        self,
+        wanted: np.ndarray,
+        before: float,
+        dt: float,
+        near: Bounds,
+        to: np.ndarray,
+        out: np.ndarray,
+    ) -> bool:
+        """Can the wanted pose be taken as it is?"""
+        if not causal.within(self._q, self._v, 0.5 * (before + dt), dt, near, wanted):
+            return False
+        to[:] = wanted
+        if not causal.safe(
+            self.robot.chain, self._swept, self._scratch, self._q, to, dt, near, self._care, out,
+        ):  # fmt: skip
+            return False
+        self._memory.flag[pursue.MODE] = self._memory.flag[pursue.LEFT] = 0
+        return True
+
+    def _careful(self) -> causal.Care:
+        """The clearances of a step: some in reserve, but no more than the robot has already."""
+        care, reserve = self._care, self.settings.reserve
+        if not reserve:
+            return care
+        most = max(self._clearance - _NEARER, care.margin)
+        return care._replace(
+            margin=min(care.margin + reserve, most, care.target),
+            between=min(care.between + reserve, care.margin),
+        )
 
     def _stand(self, to: np.ndarray, out: np.ndarray) -> int:
         to[:] = self._q

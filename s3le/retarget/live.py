@@ -3,33 +3,26 @@
 In: {"x": [21 numbers]} or {"points": [[x, y, z], ...]} (ten points in metres, z up, ordered or
 keyed as skeleton.POINTS), with "dt" [s] since the last line or "t" [s]; without either the stream's
 rate holds. Out: {"t", "q", "heading", "mode", "clearance"}, or {"line", "error"}; a refused line
-moves nothing and its time is added to the next one's.
+moves nothing and its time is added to the next one's. A stream whose first good line has "q",
+wanted joint angles, is one of joints: see s3le/guard/live.py.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, BinaryIO
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
-from s3le.errors import CertificateError, ClipError, ParameterError, S3leError
+from s3le.errors import ClipError, ParameterError, S3leError
+from s3le.guard.guard import Guard
+from s3le.guard.live import LONGEST_LINE, Clock, array, heed, lines, refused, said_of, serve
 from s3le.human import dataset
 from s3le.human.clip import FARTHEST
 from s3le.retarget.stream import Retargeter
 from s3le.skeleton import DIM, POINTS
 
-LONGEST_LINE = 65_536  # [bytes]
-LONGEST_STEP = 3600.0  # [s]
+__all__ = ["LONGEST_LINE", "Live", "lines", "serve"]
 UNIT = 1e-3  # how far from 1 the length of a bone in x may be; it is then made 1
-
-
-def lines(source: BinaryIO) -> Iterator[bytes]:
-    """Lines of a stream; of one that is too long only its beginning, so memory stays bounded."""
-    while line := source.readline(LONGEST_LINE + 1):
-        whole = line
-        while not whole.endswith(b"\n") and (rest := source.readline(LONGEST_LINE)):
-            whole = rest  # the tail of a line that is too long
-        yield line
 
 
 class Live:
@@ -41,6 +34,7 @@ class Live:
         rate: float,
         tilt_max: float,
         about: Mapping[str, Any] | None = None,
+        guard: Callable[[], Guard] | None = None,
     ) -> None:
         """Begin a stream at the robot's anchor.
 
@@ -49,16 +43,17 @@ class Live:
             rate: frames per second of lines that do not say [Hz].
             tilt_max: frames whose torso leans farther are refused [rad]; only of "points".
             about: further words for the greeting.
+            guard: makes what follows a stream of joints, at the anchor too; None: with the robot's
+                own limits.
 
         Raises:
             ParameterError: rate is none.
         """
-        if not 0.1 <= rate <= 10_000.0:
-            raise ParameterError(f"rate must be in [0.1, 10000] Hz, got {rate!r}")
-        self._its, self._period, self._tilt = retargeter, 1.0 / rate, tilt_max
-        self._about = about or {}
-        self._time, self._owed, self._number = 0.0, 0.0, 0
-        self._last_t: float | None = None
+        self._its, self._clock, self._tilt = retargeter, Clock(rate), tilt_max
+        self._about, self._number = about or {}, 0
+        self._begin = guard or (lambda: Guard(retargeter.robot))
+        self._guard: Guard | None = None
+        self._human = False  # a frame of a human has been followed
         self._heading = 0.0  # [rad], of the last good line
         self._stream = retargeter.start(retargeter.robot.anchor, check=True)
 
@@ -86,65 +81,44 @@ class Live:
         """
         self._number += 1
         try:
-            x, heading, dt = self._frame(line)
-            made = self._stream.step(x, dt)
+            given = self._clock.parse(line)
+            if self._guard:
+                heed(self._guard, given)
+            dt = self._clock.since(given)
+            of_joints = self._guard or "q" in given
+            said = self._said_of_joints(given, dt) if of_joints else self._said(given, dt)
         except (S3leError, ValueError) as refusal:
-            words = " ".join(str(refusal).split())[:500]
-            return json.dumps({"line": self._number, "error": words})
-        self._owed = 0.0
-        self._time += dt
-        self._heading = heading
-        return json.dumps(
-            {
-                "t": round(self._time, 9),
-                "q": made.q.tolist(),
-                "heading": heading,
-                "mode": made.mode,
-                "clearance": made.clearance,
-            }
-        )
+            return refused(self._number, refusal)
+        return json.dumps({"t": self._clock.good(dt), **said})
 
-    def _frame(self, line: bytes) -> tuple[np.ndarray, float, float]:
-        """A line's skeleton, its heading [rad], and the time since the last good one [s]."""
-        try:
-            given = _parse(line)
-        except ParameterError:
-            self._owed += self._period  # time passes whether or not a line is any good
-            raise
-        self._owed += self._step(given)
-        if not 0.0 < self._owed <= LONGEST_STEP:
-            owed, self._owed = self._owed, 0.0
-            raise ParameterError(f"{owed!r} s since the last frame; wanted above 0, below an hour")
-        return *self._skeleton(given), self._owed
+    def _said(self, given: dict[str, Any], dt: float) -> dict[str, Any]:
+        x, heading = self._skeleton(given)
+        made = self._stream.step(x, dt)
+        self._heading, self._human = heading, True
+        return {
+            "q": made.q.tolist(),
+            "heading": heading,
+            "mode": made.mode,
+            "clearance": made.clearance,
+        }
 
-    def _step(self, given: dict[str, Any]) -> float:
-        for key in ("dt", "t"):
-            value = given.get(key)
-            if value is None:
-                continue
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ParameterError(f"{key} must be a number [s], got {value!r:.40}")
-            if not abs(value) < 1e12:
-                raise ParameterError(f"{key} must be finite, got {value!r:.40}")
-            if key == "dt":
-                if not value > 0:
-                    raise ParameterError(f"dt must be above 0 s, got {value!r:.40}")
-                return float(value)
-            last, self._last_t = self._last_t, float(value)
-            if last is None:
-                return self._period
-            if not value > last:
-                self._last_t = last
-                raise ParameterError(f"t must rise: {value!r:.40} s after {last!r} s")
-            return float(value) - last
-        return self._period
+    def _said_of_joints(self, given: dict[str, Any], dt: float) -> dict[str, Any]:
+        if self._human or "x" in given or "points" in given:
+            raise ParameterError(
+                "a stream is either of joints (q) or of a human (x or points); begin another one"
+            )
+        guard = self._guard or self._begin()
+        heed(guard, given)
+        said = said_of(guard, given, dt)
+        self._guard = guard  # the first good line has decided
+        return said
 
     def _skeleton(self, given: dict[str, Any]) -> tuple[np.ndarray, float]:
         """Seven vectors that face forward, and the yaw that was taken out; of "x" none: 0 [rad]."""
         if ("x" in given) == ("points" in given):
             raise ParameterError('wanted either "x" (21 numbers) or "points" (ten points)')
         if "x" in given:
-            x = _array(given["x"], (DIM,), "x")
+            x = array(given["x"], (DIM,), "x")
             bones = x.reshape(7, 3)
             length = np.linalg.norm(bones, axis=1, keepdims=True)
             if not (np.abs(length - 1.0) <= UNIT).all():
@@ -156,7 +130,7 @@ class Live:
             if missing:
                 raise ParameterError(f"points lacks {', '.join(missing)}")
             points = [points[name] for name in POINTS]
-        points = _array(points, (len(POINTS), 3), "points")
+        points = array(points, (len(POINTS), 3), "points")
         if not (np.abs(points) <= FARTHEST).all():
             raise ParameterError(f"points must lie within {FARTHEST:g} m")
         kept = dataset.skeletons(points[None], self._its.robot.neck, self._tilt)
@@ -164,44 +138,3 @@ class Live:
             cause = next(cause for cause, count in kept.dropped.items() if count)
             raise ClipError(f"this frame cannot be used ({cause})")
         return kept.x[0], float(np.unwrap([self._heading, kept.heading[0]])[1])
-
-
-def serve(live: Live, source: Iterable[bytes], say) -> None:
-    """Answer every line until there are no more.
-
-    Raises:
-        CertificateError: see Live.answer; said before the stream ends.
-    """
-    say(live.greeting())
-    for line in source:
-        try:
-            say(live.answer(line))
-        except CertificateError as refusal:
-            say(json.dumps({"fatal": str(refusal)}))
-            raise
-
-
-def _parse(line: bytes) -> dict[str, Any]:
-    if len(line) > LONGEST_LINE:
-        raise ParameterError(f"a line has at most {LONGEST_LINE} bytes")
-    try:
-        given = json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise ParameterError(f"not JSON ({error})") from None
-    if not isinstance(given, dict):
-        raise ParameterError('wanted an object, as {"x": [21 numbers], "dt": 0.033}')
-    return given
-
-
-def _array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
-    try:
-        given = np.array(values, dtype=object)
-        good = given.shape == shape and all(
-            isinstance(v, int | float) and not isinstance(v, bool) for v in given.ravel()
-        )
-        array = given.astype(float) if good else None
-    except (ValueError, TypeError, OverflowError):
-        array = None
-    if array is None or not np.isfinite(array).all():
-        raise ParameterError(f"{what} must be {'x'.join(map(str, shape))} finite numbers")
-    return array

@@ -46,6 +46,7 @@ class Certifier:
         self._data = self._model.createData()
         self._scratch = pin.GeometryData(self._geometry)
         self._lower, self._upper = robot.lower, robot.upper
+        self.nearest = -1  # row of the watched pair that is closest at the pose `one` saw last
 
     def check(self, q: np.ndarray, progress: Callable[[int], object] | None = None) -> Report:
         """Measure limits and clearance of each pose.
@@ -83,9 +84,11 @@ class Certifier:
         Both are NaN for a pose that is not finite.
         """
         margin = float(np.minimum(q - self._lower, self._upper - q).min(initial=np.inf))
+        self.nearest = -1
         if not margin > -np.inf:  # catches NaN
             return np.nan, np.nan
         nearest = pin.computeDistances(self._model, self._data, self._geometry, self._scratch, q)
+        self.nearest = int(nearest)
         found = self._scratch.distanceResults[nearest].min_distance / PER_METRE
         return found, margin
 

@@ -26,14 +26,15 @@ MAPPED = (
 ARMS = {side: tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "hand")) for side in "rl"}
 _KEYS = (
     "name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation",
-    "srdf", "hulls", "velocity",
+    "srdf", "hulls", "velocity", "acceleration",
 )  # fmt: skip
 _OPTIONAL: dict[str, Any] = {
     "srdf": None, "hulls": None, "base_rpy": [0.0, 0.0, 0.0], "hold": {}, "velocity": {},
-    "pair_inflation": 1.1,
+    "acceleration": {}, "pair_inflation": 1.1,
 }  # fmt: skip
 WIDEST = 100.0  # [rad] an angle beyond this is damage or another unit
 LARGEST = 64 * 2**20  # [bytes] of any file that a robot file names
+HARDEST = 1e5  # [rad/s^2] an acceleration beyond this is damage or another unit
 FARTHEST = 10.0  # [m] a length or a place beyond this is damage or another unit
 
 
@@ -62,6 +63,7 @@ class Description:
     hold: dict[str, float]  # joint -> angle [rad]
     anchor: dict[str, float]  # joint -> angle [rad]
     velocity: dict[str, float]  # joint -> limit [rad/s], where the URDF's is not to be used
+    acceleration: dict[str, float]  # joint -> limit [rad/s^2]; not named: the default's
     pair_inflation: float  # [-]
     files: dict[str, bytes] = field(repr=False)  # robot, urdf, srdf, hulls: as they were read
 
@@ -142,7 +144,8 @@ def read_description(path: Path, held: Mapping[str, bytes] | None = None) -> Des
         joints=tuple(map(str, joints)),
         hold=_angles(path, "hold", tree["hold"]),
         anchor=_angles(path, "anchor", tree["anchor"]),
-        velocity=_speeds(path, tree["velocity"]),
+        velocity=_limits(path, "velocity", tree["velocity"], 1e3),
+        acceleration=_accelerations(path, tree["acceleration"], list(map(str, joints))),
         pair_inflation=_number(path, "pair_inflation", tree["pair_inflation"], 1.0, 10.0),
         files={"robot": own}
         | {
@@ -203,11 +206,23 @@ def _place(path: Path, role: str, value: Any) -> Place:
     return Place(str(value["frame"]), (x, y, z))
 
 
-def _speeds(path: Path, value: Any) -> dict[str, float]:
+def _limits(path: Path, key: str, value: Any, most: float) -> dict[str, float]:
     return {
-        str(joint): _number(path, f"velocity.{joint}", speed, 1e-3, 1e3)
-        for joint, speed in _mapping(path, "velocity", value).items()
+        str(joint): _number(path, f"{key}.{joint}", limit, 1e-3, most)
+        for joint, limit in _mapping(path, key, value).items()
     }
+
+
+def _accelerations(path: Path, value: Any, joints: list[str]) -> dict[str, float]:
+    """Limits by joint, or one for all of them."""
+    if isinstance(value, dict):
+        return _limits(path, "acceleration", value, HARDEST)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise RobotError(
+            f"{path}: acceleration must be a number [rad/s^2], or a mapping of joints to numbers, "
+            f"got {value!r}"
+        )
+    return dict.fromkeys(joints, _number(path, "acceleration", value, 1e-3, HARDEST))
 
 
 def _is_file(path: Path) -> bool:

@@ -47,6 +47,7 @@ class Joint(NamedTuple):
     lower: float  # [rad]
     upper: float  # [rad]
     velocity: float  # [rad/s]
+    acceleration: float | None = None  # [rad/s^2]; None: the robot file says nothing
 
 
 class Point(NamedTuple):
@@ -131,9 +132,10 @@ def from_description(text: Description) -> Geometry:
     pin.framesForwardKinematics(model, data, home)
 
     urdf.refuse_mimicry(text, tree)
-    joints = tuple(_joint(model, j, where, text.velocity) for j in range(1, model.njoints))
-    if wrong := [name for name in text.velocity if name not in text.joints]:
-        raise RobotError(f"{text.source}: velocity names '{wrong[0]}', which does not move")
+    joints = tuple(_joint(model, j, where, text) for j in range(1, model.njoints))
+    for key, named in (("velocity", text.velocity), ("acceleration", text.acceleration)):
+        if wrong := [name for name in named if name not in text.joints]:
+            raise RobotError(f"{text.source}: {key} names '{wrong[0]}', which does not move")
     points = {role: _point(model, place, role, where) for role, place in text.points.items()}
     bodies = tuple(_body(model, item, where) for item in geometry.geometryObjects)
     urdf.refuse_lost_geometry(where, tree, [item.name for item in geometry.geometryObjects])
@@ -216,7 +218,7 @@ def _reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
     return pin.buildReducedModel(model, geometry, locked, still)
 
 
-def _joint(model: pin.Model, index: int, where: str, speeds: dict[str, float]) -> Joint:
+def _joint(model: pin.Model, index: int, where: str, text: Description) -> Joint:
     kind = model.joints[index]
     name = model.names[index]
     if kind.nv == 1 and kind.nq == 2:
@@ -250,7 +252,8 @@ def _joint(model: pin.Model, index: int, where: str, speeds: dict[str, float]) -
         axis=axis,
         lower=lower,
         upper=upper,
-        velocity=speeds.get(name, float(model.velocityLimit[kind.idx_v])),
+        velocity=text.velocity.get(name, float(model.velocityLimit[kind.idx_v])),
+        acceleration=text.acceleration.get(name),
     )
 
 
@@ -339,7 +342,9 @@ def _digest(robot: Geometry) -> str:
     for joint in robot.joints:
         parts += [joint.name.encode(), str(joint.parent).encode()]
         parts += [np.ascontiguousarray(v).tobytes() for v in joint[2:5]]
-        parts.append(np.array(joint[5:]).tobytes())
+        parts.append(np.array(joint[5:8]).tobytes())
+        if joint.acceleration is not None:  # what files without it gave stays as it is
+            parts.append(b"acceleration" + np.array([joint.acceleration]).tobytes())
     for body in robot.bodies:
         parts += [body.name.encode(), str(body.joint).encode()]
         parts.append(np.concatenate([body.a, body.b, [body.radius]]).tobytes())
