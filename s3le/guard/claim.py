@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.plan.limits import ACCELERATION, Limits, limits
+from s3le.plan.limits import Limits, limits
 from s3le.plan.settings import Settings
 from s3le.robot.robot import Robot
 from s3le.safety import audit
@@ -43,14 +43,15 @@ def claim(
         robot: whose motions.
         margin: clearance of every pose [m]; None: the robot's own.
         speed_factor: share of the joint speeds that may be used, in (0, 1].
-        acceleration: of all joints, or of some by name [rad/s^2]; else limits.ACCELERATION.
+        acceleration: of all joints, or of some by name [rad/s^2]; else the robot
+            file's, or limits.ACCELERATION.
 
     Raises:
         ParameterError: a number is out of its range, a joint unknown, or the robot's anchor pose
             does not keep the margin.
     """
     named = audit.demands(robot, margin, acceleration=acceleration)
-    hardest = np.full(robot.n_dof, ACCELERATION)
+    hardest = limits(robot).acceleration.copy()
     if isinstance(acceleration, dict):
         for joint, value in acceleration.items():
             hardest[robot.joint_names.index(joint)] = value
