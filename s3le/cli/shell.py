@@ -213,6 +213,6 @@ def names(given: str | None) -> list[str] | None:
     """What `--joints` says: names parted by commas, or a file with one a line."""
     if given is None:
         return None
-    if Path(given).is_file():
+    if "," not in given and Path(given).is_file():  # names of 29 joints are too long for a path
         return Path(given).read_text(encoding="utf-8").split()
     return [name.strip() for name in given.split(",")]
