@@ -1,0 +1,101 @@
+"""Certified motions of many files as one table, and what the guard did in a few numbers."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from s3le.errors import CertificateError
+from s3le.guard.folder import Record
+from s3le.guard.moved import pooled
+from s3le.guard.table import KINDS, broken
+from s3le.guard.task import Reading
+from s3le.robot.robot import Robot
+from s3le.store import tables
+from s3le.store.schema import CERTIFICATE, Column, Table, certified, finite, vector
+
+
+def motions(n_dof: int, margin: float) -> Table:
+    """Contract of a data set of motions.
+
+    Args:
+        n_dof: moving joints of the robot.
+        margin: clearance that every pose keeps [m].
+    """
+    return Table(
+        name="motions",
+        stage="dataset/dvc.yaml",
+        grain="one row of a certified motion",
+        key=("file", "episode", "row"),
+        columns={
+            "file": Column(pl.String(), "-", "where the motion comes from, as in table guard"),
+            "episode": Column(pl.Int32(), "-", "number of the motion in its file, from 0"),
+            "row": Column(pl.Int32(), "-", "number in its motion, from 0"),
+            "time": Column(pl.Float64(), "s", "in its motion"),
+            "q": Column(vector(n_dof), "rad", "joint angles; note `joints` has their names"),
+        }
+        | CERTIFICATE,
+        rules={"pose_is_finite": finite("q")} | certified(margin),
+    )
+
+
+def write(records: Sequence[Record], reading: Reading, robot: Robot, path: Path) -> None:
+    """Write the motions of all results as one table; each pose is measured by coal once more.
+
+    Args:
+        records: what became of files; those without a result are passed over.
+        reading: how the files were read.
+        robot: of the claim.
+        path: where.
+
+    Raises:
+        CertificateError: no file has a result, or a pose is not feasible.
+        TableError: the rows break the contract.
+        TrajectoryError: a result cannot be read.
+    """
+    parts: list[dict[str, Any]] = []
+    checker = robot.certifier()
+    for record in records:
+        if not record.good:
+            continue
+        layout = reading.open(record.piece.target, robot)
+        for number, one in enumerate(layout.episodes):
+            report = checker.require(one.q, robot.margin)
+            parts.append(
+                {
+                    "file": np.full(len(one.q), record.piece.name),
+                    "episode": np.full(len(one.q), number),
+                    "row": np.arange(len(one.q)),
+                    "time": one.time,
+                    "q": one.q,
+                    "clearance": report.clearance,
+                    "limit_margin": report.limit_margin,
+                }
+            )
+    if not parts:
+        raise CertificateError(f"{path}: none of {len(records)} files has a motion that holds")
+    table = motions(robot.n_dof, robot.margin)
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in table.columns}
+    tables.write(whole, table, path, robot.tag, {"joints": ",".join(robot.joint_names)})
+
+
+def metrics(records: Sequence[Record]) -> dict[str, Any]:
+    """What the guard did, in numbers that runs are compared by."""
+    read = [record.summary for record in records if record.summary]
+    moved = pooled([said["moved"] for said in read])
+    frames = moved["frames"]
+    return {
+        "files": len(records),
+        "without_a_motion": sum(not record.good for record in records),
+        "frames": frames,
+        "seconds": sum(said["seconds"] for said in read),
+        "touched": moved["touched"] / max(frames, 1),
+        "moved": moved["moved"] / max(frames, 1),
+        **{key: moved[key] for key in ("median_deg", "p95_deg", "most_deg")},
+        "broken_before": {
+            kind: sum(broken(said["before"]).get(kind, 0) for said in read) for kind in KINDS
+        },
+        "left_broken": sum(sum(broken(said["after"]).values()) for said in read),
+    }
