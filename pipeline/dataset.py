@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.stage import bar, knob, launch, read, say
+from s3le.errors import S3leError
 from s3le.guard import claim, collect, folder, places, table
 from s3le.guard.task import Cleaning, Reading
 from s3le.human.chosen import chosen
+from s3le.human.skeletons import read_frames
 from s3le.motion import files
-from s3le.retarget import stored
-from s3le.retarget.clip import retarget_clip
+from s3le.retarget import clip, stored
 from s3le.robot.robot import Robot
 from s3le.store import documents
 from s3le.tuples.engine import run
@@ -27,6 +28,7 @@ class Params:
 
     folder: str = knob("of the motions", shared=True)
     holds: str = knob("what it holds", one_of=("clips", "motions"), shared=True)
+    rate: float = knob("rows a second [Hz]", at_least=30, at_most=1000, shared=True)
     robot: str = knob("name of a robot", shared=True)
     margin: float = knob("clearance of poses [m]", at_least=1e-6, at_most=0.1, shared=True)
     speed_factor: float = knob("share of speeds", at_least=1e-3, at_most=1, shared=True)
@@ -44,8 +46,10 @@ def main() -> None:
     )
     given = PARAMS.parent / params.folder
     shelf = home(Path.cwd())
+    refused = 0
     if params.holds == "clips":
-        given = _retargeted(given, robot, shelf / WANTED)
+        refused = _retarget(given, robot, params.rate, shelf / WANTED)
+        given = shelf / WANTED
     pieces, reading = places.pieces([given], shelf / GUARDED), Reading()
     made = robot.to_bytes()
 
@@ -67,20 +71,29 @@ def main() -> None:
     records.sort(key=lambda record: record.piece.name)
     collect.write(records, reading, robot, OUT / "motions.parquet")
     table.write(records, wanted.margin, robot.tag, OUT / "guard.parquet")
-    documents.write_json(collect.metrics(records), METRICS)
+    documents.write_json(collect.metrics(records) | {"clips_refused": refused}, METRICS)
 
 
-def _retargeted(given: Path, robot: Robot, to: Path) -> Path:
-    """What the robot is wanted to do, one file a clip; of clips that are gone none stays."""
-    clips, retargeter = chosen([given]), stored.retargeter_for(robot)
+def _retarget(given: Path, robot: Robot, rate: float, to: Path) -> int:
+    """Write what the robot is wanted to do, one file a clip; of clips that are gone none stays.
+
+    Returns:
+        How many clips cannot be used; what is wrong with each is said.
+    """
+    clips, retargeter, refused = chosen([given]), stored.retargeter_for(robot), 0
     for left in to.glob("*.parquet"):
         left.unlink()
     with bar(len(clips), "retargeted", "clips") as progress:
-        for clip in clips:
-            made = retarget_clip(clip, retargeter).motion
-            files.write(made, to / f"{made.name}.parquet")
+        for path in clips:
+            try:
+                frames = read_frames(path, robot.neck)
+                made = clip.convert(retargeter, frames, rate=rate, even=True).motion
+                files.write(made, to / f"{made.name}.parquet")
+            except S3leError as refusal:
+                say(f"clip refused: {refusal}")
+                refused += 1
             progress(1)
-    return to
+    return refused
 
 
 if __name__ == "__main__":

@@ -121,9 +121,12 @@ def test_clips_of_people_are_retargeted_first(project, monkeypatch):
     still = bvh([[0.0] * 12] * 3 + [[0, 0, 0, 0, 0, 0, -5 * k, 0, 0, 0, 0, 0] for k in range(8)],
                 order="ZXY", step=".033")  # fmt: skip
     write(project / "clips" / "one.bvh", still)
-    asked(folder="../clips", holds="clips")
+    write(project / "clips" / "odd.bvh", "HIERARCHY")
+    asked(folder="../clips", holds="clips", rate=60.0)
     dataset.main()
     assert set(made()["file"]) == {"one.parquet"}
+    assert np.allclose(np.diff(made()["time"]), 1 / 60)
+    assert documents.read_json(dataset.METRICS, "")["clips_refused"] == 1
 
 
 def test_what_has_no_motion_is_counted_and_left_out(project, monkeypatch, capsys):
