@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from layouts import FPS, KINDS, NAMES, ROWS, TIME, full, joints, motion, robot
+from mutants import mutant
 
 from s3le.errors import TrajectoryError
 from s3le.guard.layouts.door import find, open_layout
@@ -22,6 +23,7 @@ from s3le.motion import files, trajectory
 
 H5PY = pytest.mark.skipif(find_spec("h5py") is None, reason="no h5py")
 ALL = [pytest.param(name, marks=H5PY) if name == "hdf5" else name for name in KINDS]
+MUTANTS = 25  # of a file
 MOVED = range(5, 9)  # rows that a test moves
 CLAIMS = {"about", "about, type", "side", "clearance", "mode", "mode, type"}
 
@@ -176,6 +178,13 @@ def test_what_is_out_of_the_range_already_is_not_pulled_in():
     it = Numbers((np.array([0.5, 0.5], "f4"),), (False,), np.array([[0.5], [0.5]]),
                  np.array([-0.3]), np.array([0.3]))  # fmt: skip
     assert it.as_written("a", np.array([[0.5], [0.6]])).tolist() == [[0.5], [np.float32(0.6)]]
+
+
+def test_an_angle_that_the_file_cannot_hold_is_refused():
+    it = Numbers((np.zeros(2, "f4"),), (False,), np.zeros((2, 1)), np.array([-9.0]),
+                 np.array([9.0]))  # fmt: skip
+    with pytest.raises(TrajectoryError, match="a: row 1: angle 0, 1e\\+300 rad, is larger than"):
+        it.as_written("a", np.array([[1.0], [1e300]]))
 
 
 # --- what a file of ours says of itself
@@ -591,6 +600,40 @@ def test_what_is_not_read_is_told_the_way_round(tmp_path):
     refused(tmp_path / "c.npy", "has shape (3, 2, 2)", **NAMES)
     np.save(tmp_path / "c.npy", full())
     refused(tmp_path / "c.npy", "29 columns without names", "--joints", fps=FPS)
+
+
+def broken(path):
+    """Files of a good motion that are damaged one at a time."""
+    if path.is_file():
+        return [path]
+    stats = "meta/stats.json", "meta/episodes/chunk-000/file-000.parquet"
+    return [path / name for name in ("meta/info.json", "data/chunk-000/file-000.parquet", *stats)]
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_damaged_file_is_refused_or_read_and_written_as_any(tmp_path, name):
+    kind = KINDS[name]
+    path = kind.make(tmp_path)
+    refusals = 0
+    for file in broken(path):
+        good = file.read_bytes()
+        for number in range(MUTANTS):
+            file.write_bytes(mutant(good, [good], f"{name} {file.name} {number}")[0])
+            before = {one: one.read_bytes() for one in broken(path)}
+            try:
+                layout = opened(kind, path)
+                told = [one.as_written(one.q + 1e-3) for one in layout.episodes]
+                layout.write(beside(path), told)
+            except TrajectoryError as refusal:
+                assert len(str(refusal).splitlines()) == 1 and str(tmp_path) in str(refusal)
+                refusals += 1
+            else:
+                again = opened(kind, beside(path)).episodes
+                for one, q in zip(again, told, strict=True):
+                    assert np.array_equal(one.q, q)
+            assert before == {one: one.read_bytes() for one in broken(path)}
+        file.write_bytes(good)
+    assert refusals > 0.1 * MUTANTS
 
 
 # --- folders

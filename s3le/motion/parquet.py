@@ -65,7 +65,7 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
         with pq.ParquetFile(path) as file:
             check_size(path, file.metadata)
             table = file.read(use_pandas_metadata=False)
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = (str(error).splitlines() or ["damaged"])[0][:160]
         raise TrajectoryError(f"{path}: is no sound Parquet ({reason})") from None
     if len(set(table.column_names)) < table.num_columns:

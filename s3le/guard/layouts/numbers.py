@@ -32,14 +32,22 @@ class Numbers:
             q: [rad], (m, n).
 
         Raises:
-            TrajectoryError: another shape than self.q, or not finite.
+            TrajectoryError: another shape than self.q, not finite, or too large for the file.
         """
         q = np.asarray(q, float)
         if q.shape != self.q.shape:
             raise TrajectoryError(f"{name}: angles of shape {q.shape}, it holds {self.q.shape}")
         for row, joint in np.argwhere(~np.isfinite(q))[:1]:
             raise TrajectoryError(f"{name}: row {row}: angle {joint} is {q[row, joint]}")
-        return [self._encode(i, q[:, i]) for i in range(q.shape[1])]
+        with np.errstate(over="ignore"):
+            made = [self._encode(i, q[:, i]) for i in range(q.shape[1])]
+        for joint, column in enumerate(made):
+            for row in np.flatnonzero(~np.isfinite(column))[:1]:
+                raise TrajectoryError(
+                    f"{name}: row {row}: angle {joint}, {q[row, joint]:.6g} rad, is larger than "
+                    f"{column.dtype} holds"
+                )
+        return made
 
     def as_written(self, name: str, q: np.ndarray) -> np.ndarray:
         """The angles that the numbers of `encode` stand for [rad], (m, n)."""

@@ -61,7 +61,7 @@ def is_other(path: Path) -> bool:
     """Whether a file says that it is of this project and no motion of a robot."""
     try:
         metadata = pq.read_schema(path).metadata or {}
-    except (pa.ArrowException, OSError):
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
         return False  # whoever opens it is told why not
     form = metadata.get(f"{parquet.PREFIX}format".encode(), parquet.FORMAT.encode())
     return form != parquet.FORMAT.encode() or b"s3le.table" in metadata
@@ -78,7 +78,7 @@ def load(path: Path, columns: Sequence[str] | None = None) -> tuple[pa.Table, St
             parquet.check_size(path, file.metadata)
             how = Storage(file.metadata)
             table = file.read(columns=columns, use_pandas_metadata=False)
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = (str(error).splitlines() or ["damaged"])[0][:160]
         raise TrajectoryError(f"{path}: is no sound Parquet ({reason})") from None
     names = table.column_names
