@@ -82,7 +82,9 @@ def waving(frames=12):
 # --- help
 
 
-@pytest.mark.parametrize("command", [None, "audit", "guard", "render", "retarget", "stream", "view"])
+@pytest.mark.parametrize(
+    "command", [None, "audit", "guard", "render", "retarget", "stream", "view"]
+)
 def test_help_teaches_by_example(command):
     said = run(*([command] if command else []), "--help")
     assert said.exit_code == 0

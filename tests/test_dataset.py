@@ -17,8 +17,7 @@ from worlds import coman
 from pipeline import dataset
 from pipeline.stage import dvc_keys
 from s3le.errors import CertificateError
-from s3le.guard.collect import motions
-from s3le.guard.table import guard
+from s3le.guard.table import guard, motions
 from s3le.safety import audit
 from s3le.store import documents, tables
 from s3le.tuples.engine.key import file_of, imported

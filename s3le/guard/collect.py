@@ -5,40 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 
 from s3le.errors import CertificateError
 from s3le.guard.folder import Record
 from s3le.guard.moved import pooled
-from s3le.guard.table import KINDS, broken
+from s3le.guard.table import KINDS, broken, motions
 from s3le.guard.task import Reading
 from s3le.robot.robot import Robot
 from s3le.store import tables
-from s3le.store.schema import CERTIFICATE, Column, Table, certified, finite, vector
-
-
-def motions(n_dof: int, margin: float) -> Table:
-    """Contract of a data set of motions.
-
-    Args:
-        n_dof: moving joints of the robot.
-        margin: clearance that every pose keeps [m].
-    """
-    return Table(
-        name="motions",
-        stage="dataset/dvc.yaml",
-        grain="one row of a certified motion",
-        key=("file", "episode", "row"),
-        columns={
-            "file": Column(pl.String(), "-", "where the motion comes from, as in table guard"),
-            "episode": Column(pl.Int32(), "-", "number of the motion in its file, from 0"),
-            "row": Column(pl.Int32(), "-", "number in its motion, from 0"),
-            "time": Column(pl.Float64(), "s", "in its motion"),
-            "q": Column(vector(n_dof), "rad", "joint angles; note `joints` has their names"),
-        }
-        | CERTIFICATE,
-        rules={"pose_is_finite": finite("q")} | certified(margin),
-    )
 
 
 def write(records: Sequence[Record], reading: Reading, robot: Robot, path: Path) -> None:
