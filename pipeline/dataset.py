@@ -19,7 +19,7 @@ from s3le.tuples.engine.vault import home
 PARAMS = Path("dataset/params.yaml")
 OUT = Path("data/dataset")
 METRICS = Path("reports/dataset.json")
-WANTED, GUARDED = "dataset-wanted", "dataset-guarded"  # folders beside the shards
+WANTED, GUARDED, LEROBOT = "dataset-wanted", "dataset-guarded", "dataset-lerobot"  # beside shards
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +33,7 @@ class Params:
     margin: float = knob("clearance of poses [m]", at_least=1e-6, at_most=0.1, shared=True)
     speed_factor: float = knob("share of speeds", at_least=1e-3, at_most=1, shared=True)
     acceleration: float = knob("limit [rad/s^2]", at_least=1e-3, at_most=1e6, shared=True)
+    lerobot: bool = knob("write LeRobot's folder too", shared=True)
     executor: str = knob("who computes", one_of=run.EXECUTORS, shared=True)
     workers: int = knob("local processes; 0: all", at_least=0, at_most=10_000, shared=True)
     ray_address: str = knob("of a Ray cluster", shared=True)
@@ -70,6 +71,9 @@ def main() -> None:
                 say(f"{record.status}: {record.why}")
     records.sort(key=lambda record: record.piece.name)
     collect.write(records, reading, robot, OUT / "motions.parquet")
+    if params.lerobot:
+        given = shelf / LEROBOT
+        collect.write_lerobot(records, reading, robot, cleaning, given, OUT / "lerobot")
     table.write(records, wanted.margin, robot.tag, OUT / "guard.parquet")
     documents.write_json(collect.metrics(records) | {"clips_refused": refused}, METRICS)
 

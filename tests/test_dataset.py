@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from dag import readers_and_reruns
 from follower import Plain, led_by
@@ -16,8 +17,11 @@ from worlds import coman
 
 from pipeline import dataset
 from pipeline.stage import dvc_keys
-from s3le.errors import CertificateError
+from s3le.errors import CertificateError, TrajectoryError
+from s3le.guard.layouts.door import open_layout
+from s3le.guard.layouts.lerobot_new import Motion, create
 from s3le.guard.table import guard, motions
+from s3le.motion import files, trajectory
 from s3le.safety import audit
 from s3le.store import documents, tables
 from s3le.tuples.engine.key import file_of, imported
@@ -137,3 +141,51 @@ def test_what_has_no_motion_is_counted_and_left_out(project, monkeypatch, capsys
     Path("motions/good.parquet").unlink()
     with pytest.raises(CertificateError, match="none of 1 files has a motion that holds"):
         dataset.main()
+
+
+# --- in LeRobot's layout
+
+
+def test_lerobots_folder_holds_in_its_own_numbers(project):
+    asked(lerobot=True, acceleration=2.0)  # so low that rounding to float32 breaks it
+    dataset.main()
+    came = open_layout(dataset.OUT / "lerobot", coman())
+    assert [len(one.q) for one in came.episodes] == [60, 60]
+    assert came.episodes[0].numbers.raw[0].dtype == np.float32
+    wanted = audit.demands(coman(), acceleration=2.0)
+    for one in came.episodes:
+        assert audit.audit(coman(), one.time, one.q, wanted).holds
+    said = documents.read_json(dataset.OUT / "lerobot.guard.json", "")
+    assert said["certificate"]["holds"] and said["before"]["accelerations"]["broken"] > 0
+    q = np.concatenate([one.q for one in came.episodes])
+    stats = documents.read_json(dataset.OUT / "lerobot" / "meta" / "stats.json", "")["action"]
+    assert np.allclose(stats["max"], q.max(axis=0)) and np.allclose(stats["std"], q.std(axis=0))
+
+
+def test_lerobots_folder_has_one_rate(project):
+    slow = trajectory.make("m", coman().joint_names, np.arange(60) / 20, swaying())
+    files.write(slow, project / "motions" / "slow.csv")
+    asked(lerobot=True)
+    with pytest.raises(TrajectoryError, match="has one rate; .* steps of 0.0333333 to 0.05 s"):
+        dataset.main()
+
+
+def test_a_new_lerobot_folder_says_where_its_episodes_lie(tmp_path):
+    time = np.arange(60) / 30
+    motions = [Motion("a", time, swaying()), Motion("b", time[:20], swaying(20)),
+               Motion("a", time, colliding())]  # fmt: skip
+    create(tmp_path / "set", motions, coman().joint_names, "coman")
+    data = pl.read_parquet(tmp_path / "set" / "data" / "chunk-000" / "file-000.parquet")
+    told = pl.read_parquet(
+        tmp_path / "set" / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
+    )
+    info = documents.read_json(tmp_path / "set" / "meta" / "info.json", "")
+    assert (info["fps"], info["total_episodes"], info["total_frames"]) == (30, 3, 140)
+    assert data["index"].to_list() == list(range(140))
+    for row, motion in zip(told.iter_rows(named=True), motions, strict=True):
+        of = data[row["dataset_from_index"] : row["dataset_to_index"]]
+        assert row["tasks"] == [motion.task] and set(of["task_index"]) == {"ab".index(motion.task)}
+        assert set(of["episode_index"]) == {row["episode_index"]} and row["length"] == len(of)
+        assert (np.stack(of["action"].to_list()) == motion.q.astype("f4")).all()
+        assert np.allclose(of["timestamp"], motion.time, atol=1e-6)
+        assert np.allclose(row["stats/action/q50"], np.median(motion.q, axis=0), atol=1e-6)
