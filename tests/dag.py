@@ -7,8 +7,8 @@ from dvc.repo import Repo
 ROOT = Path(__file__).parents[1]
 
 
-def readers_and_reruns(root: Path) -> dict[str, tuple[set[str], set[str]]]:
-    """For every key that some stage declares: (stages that read it, stages that rerun).
+def readers_and_reruns(root: Path, file: str = "dvc.yaml") -> dict[str, tuple[set[str], set[str]]]:
+    """For every key that some stage of a file declares: (stages that read it, stages that rerun).
 
     A section counts as a key: a stage that declares `sample` reads all of it.
     """
@@ -16,6 +16,8 @@ def readers_and_reruns(root: Path) -> dict[str, tuple[set[str], set[str]]]:
         reads: dict[str, set[str]] = {}
         after: dict[str, set[str]] = {}
         for stage in repo.index.stages:
+            if stage.path_in_repo != file:
+                continue
             after[stage.name] = {later.name for later in repo.index.graph.predecessors(stage)}
             for dep in stage.params:
                 for key in dep.params:

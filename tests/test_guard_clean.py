@@ -340,3 +340,27 @@ def test_nothing_moved_is_nought_and_not_an_error():
     said = moved.tally([q], [q], ["a", "b"])
     assert said["touched"] == said["moved"] == 0 and said["median_deg"] == 0.0 and not said["bins"]
     assert moved.pooled([said])["most_deg"] == 0.0 and moved.pooled([])["frames"] == 0
+
+
+def test_rows_that_planning_hardly_moves_stay_to_the_bit_if_the_audit_agrees(guard, monkeypatch):
+    q = np.concatenate([still(90), colliding(), still(90)])
+
+    def nudged(times, wanted, made):
+        return made + 9e-6 * (made != coman().upper)
+
+    lying(monkeypatch, nudged)
+    made = guard.clean(held(q), degrees=False)
+    assert made.summary["moved"]["touched"] < 90 and (made.q[0][:60] == q[:60]).all()
+    honest = guard.check
+
+    def strict(episode, q, progress=None):  # nothing that was put back holds
+        report = honest(episode, q, progress)
+        return report._replace(between=0) if (q != episode.q).any(axis=1).all() else broken(report)
+
+    def broken(report):
+        bad = report.checks[0]._replace(broken=1)
+        return report._replace(checks=(bad, *report.checks[1:]))
+
+    monkeypatch.setattr(guard, "check", strict)
+    made = guard.clean(held(q), degrees=False)
+    assert made.summary["moved"]["touched"] == 240

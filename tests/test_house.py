@@ -51,6 +51,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
         "s3le/motion/parquet.py",
         "s3le/guard/layouts/parquet.py",
         "s3le/guard/layouts/lerobot.py",
+        "s3le/guard/layouts/lerobot_new.py",
         "s3le/human/points_parquet.py",
     ),
     "matplotlib": ("s3le/report/", "s3le/show/"),

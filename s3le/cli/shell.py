@@ -1,5 +1,6 @@
 """What the commands share: refusals in one line, progress bars, and which robot is meant."""
 
+import errno
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -217,6 +218,10 @@ def names(given: str | None) -> list[str] | None:
     """What `--joints` says: names parted by commas, or a file with one a line."""
     if given is None:
         return None
-    if Path(given).is_file():
-        return Path(given).read_text(encoding="utf-8").split()
+    try:
+        if Path(given).is_file():
+            return Path(given).read_text(encoding="utf-8").split()
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:  # as the names of 29 joints are
+            raise
     return [name.strip() for name in given.split(",")]

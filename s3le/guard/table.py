@@ -1,4 +1,4 @@
-"""Table guard: what became of each file of a data set."""
+"""Tables guard and motions: what became of each file of a data set, and what came of it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,7 +8,7 @@ import polars as pl
 
 from s3le.guard.folder import CERTIFIED, MADE, Record
 from s3le.store import tables
-from s3le.store.schema import Column, Table
+from s3le.store.schema import CERTIFICATE, Column, Table, certified, finite, vector
 
 KINDS = ("limits", "velocities", "accelerations", "poses", "paths")
 _GOOD = pl.col("status").is_in([CERTIFIED, MADE])
@@ -26,7 +26,7 @@ def guard(margin: float) -> Table:
     }
     return Table(
         name="guard",
-        stage="dataset",
+        stage="dataset/dvc.yaml",
         grain="one motion file, or folder that is one",
         key=("file",),
         columns={
@@ -56,6 +56,30 @@ def guard(margin: float) -> Table:
             "a_result_keeps_its_margin": ~_GOOD | (pl.col("clearance") >= margin),
             "what_is_missing_has_a_reason": _GOOD | (pl.col("why") != ""),
         },
+    )
+
+
+def motions(n_dof: int, margin: float) -> Table:
+    """Contract of a data set of motions.
+
+    Args:
+        n_dof: moving joints of the robot.
+        margin: clearance that every pose keeps [m].
+    """
+    return Table(
+        name="motions",
+        stage="dataset/dvc.yaml",
+        grain="one row of a certified motion",
+        key=("file", "episode", "row"),
+        columns={
+            "file": Column(pl.String(), "-", "where the motion comes from, as in table guard"),
+            "episode": Column(pl.Int32(), "-", "number of the motion in its file, from 0"),
+            "row": Column(pl.Int32(), "-", "number in its motion, from 0"),
+            "time": Column(pl.Float64(), "s", "in its motion"),
+            "q": Column(vector(n_dof), "rad", "joint angles; note `joints` has their names"),
+        }
+        | CERTIFICATE,
+        rules={"pose_is_finite": finite("q")} | certified(margin),
     )
 
 

@@ -1,6 +1,6 @@
 """The data dictionary as a page, rendered from the contracts themselves."""
 
-from s3le.guard.table import guard
+from s3le.guard.table import guard, motions
 from s3le.human.tables import MOCAP_DOMAIN, MOCAP_POINTS, SKELETONS
 from s3le.learn.table import index
 from s3le.retarget.table import stored_poses
@@ -32,6 +32,7 @@ def tables(n_dof: int, margin: float, latent: int) -> list[Table]:
         SYNTHETIC,
         stored_poses(n_dof, margin),
         guard(margin),
+        motions(n_dof, margin),
     ]
 
 
