@@ -76,7 +76,7 @@ def test_what_a_stream_of_joints_says_holds():
 
 def test_null_brakes_and_a_stop_is_latched():
     stream = begun()
-    for _ in range(10):
+    for _ in range(5):
         sent(stream, {"q": away().tolist()})
     assert sent(stream, {"q": None})["reason"] == "braked"
     assert sent(stream, {"q": away().tolist()})["reason"].startswith("slowed by")
