@@ -3,27 +3,46 @@
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
+from s3le.plan.whole import Planner
 from s3le.retarget.calm import middle
 from s3le.retarget.frames import Calm, seen
 from s3le.retarget.refine import LOOKUP, NOTHING
 from s3le.retarget.rows import Mode, Rows
+from s3le.retarget.settings import Settings
+from s3le.robot.robot import Robot
 from s3le.skeleton import DIM
 from s3le.types import Progress
-
-if TYPE_CHECKING:
-    from s3le.retarget.stream import Retargeter
 
 _AS_WANTED = 0.02  # [rad], a row in which every joint is as near counts as the pose wanted
 
 
+class Refines(Protocol):
+    """What is asked of a retargeter here; s3le.retarget.stream.Retargeter does it."""
+
+    robot: Robot
+    settings: Settings
+
+    def propose(self, x: np.ndarray) -> np.ndarray:
+        """Poses to start from; see Retargeter.propose."""
+
+    def refine(
+        self, x: np.ndarray, starts: np.ndarray, last: np.ndarray, here: np.ndarray, warm: bool,
+        want: np.ndarray, out: np.ndarray,
+    ) -> int:  # fmt: skip
+        """The feasible pose nearest to a skeleton; see Retargeter.refine."""
+
+    def planner(self) -> Planner:
+        """What plans whole motions; see Retargeter.planner."""
+
+
 def planned(
-    its: "Retargeter",
+    its: Refines,
     x: np.ndarray,
     dt: np.ndarray,
     start: np.ndarray | None,
@@ -50,7 +69,7 @@ def planned(
 
 
 def _wanted(
-    its: "Retargeter",
+    its: Refines,
     x: np.ndarray,
     dt: np.ndarray,
     start: np.ndarray | None,
