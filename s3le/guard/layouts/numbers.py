@@ -83,7 +83,8 @@ class Numbers:
 
 def decode(raw: np.ndarray, degrees: bool) -> np.ndarray:
     """The angles that numbers of a file stand for [rad], as s3le.motion.fit reads them."""
-    q = np.asarray(raw, float)
+    with np.errstate(invalid="ignore"):  # a signalling NaN is refused as any
+        q = np.asarray(raw, float)
     return np.deg2rad(q) if degrees else q
 
 
