@@ -146,6 +146,8 @@ def test_without_the_proof_of_braking_it_could_not(monkeypatch):
 
     guard = begun()
     monkeypatch.setattr("s3le.plan.steps.pursue.pursue", ahead)
+    monkeypatch.setattr("s3le.plan.steps.direct.direct", lambda c, w, s, *rest: ahead(
+        c, w, s, None, *rest))  # fmt: skip
     failed = False
     try:
         failed = not brakes_from_every_row(guard, adversary(guard, 150, 30.0, 5), 1.0 / 30.0)
@@ -312,6 +314,26 @@ def test_a_planned_motion_that_could_brake_comes_back_to_the_bit():
     again, rows = driven(begun(q=made[0]), made[1:], np.full(len(made) - 1, 1.0 / 30.0))
     assert {row.reason for row in rows} == {"as wanted"}
     assert again.tobytes() == made[1:].tobytes()
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_a_robot_comes_onto_a_motion_that_it_can_follow_and_does_not_shake(rate):
+    guard, dt = begun(), 1.0 / rate
+    i = guard.robot.joint_names.index("LElbj")
+    wanted = np.repeat(guard.robot.anchor[None], int(rate), axis=0)
+    wanted[:, i] -= 1.0 * dt * np.arange(len(wanted))  # 1 rad/s, at once
+    q, rows = driven(guard, wanted, np.full(len(wanted), dt))
+    assert {row.reason for row in rows[len(rows) // 2 :]} == {"as wanted"}
+    a = np.diff(q[:, i], n=2) / dt**2
+    assert (np.diff(np.sign(np.where(np.abs(a) > 1.0, a, 0.0))) != 0.0).sum() <= 4
+    # And a joint that comes to a standing goal turns round at most once.
+    begun()
+    goal = guard.robot.anchor.copy()
+    goal[i] -= 0.7
+    q, rows = driven(guard, np.repeat(goal[None], int(rate), axis=0), np.full(int(rate), dt))
+    a = np.diff(q[:, i], n=2) / dt**2
+    assert (np.diff(np.sign(np.where(np.abs(a) > 1.0, a, 0.0))) != 0.0).sum() <= 4
+    assert (q[-1] == goal).all()
 
 
 # --- reasons

@@ -27,6 +27,7 @@ from s3le.robot.known import MARGIN
 from s3le.robot.robot import Robot
 
 TOLERANCE = 0.1  # [rad], by which a measured joint may be away from where it should be
+_MAY_BE_NAN = ("before", "asked", "pace")  # entries of a state: there was none yet
 SETTINGS = Settings(reserve=0.0005)  # of a guard: what is proven is to hold for other steps too
 
 
@@ -339,7 +340,8 @@ class Guard:
         way, leg, share, rate = kept.leaving or (np.zeros((0, self.robot.n_dof)), 0, 0.0, 0.0)
         found = {
             "robot": self.robot.tag, "q": kept.q, "v": kept.v, "came": kept.came,
-            "before": kept.before, "even": walker.even, "flag": walker.flag,
+            "before": kept.before, "even": walker.even, "asked": walker.asked,
+            "pace": walker.pace, "flag": walker.flag,
             "around": walker.way, "out": way, "leg": leg, "share": share, "rate": rate,
             "led_out": kept.led_out, "stopped": kept.stopped,
         }  # fmt: skip
@@ -372,7 +374,7 @@ class Guard:
                 like.shape[1:] if name == "out" else like.shape
             ):
                 raise StateError(f"a state's '{name}' is of another kind or shape")
-            if given.dtype.kind == "f" and name != "before" and not np.isfinite(given).all():
+            if given.dtype.kind == "f" and name not in _MAY_BE_NAN and not np.isfinite(given).all():
                 raise StateError(f"a state's '{name}' is not finite")
         if str(state["robot"]) != self.robot.tag:
             raise StateError(f"the state is of {state['robot']!s:.100}, not of {self.robot.tag}")
@@ -382,7 +384,8 @@ class Guard:
         share, rate, led_out = (float(number[name]) for name in ("share", "rate", "led_out"))
         if len(way) == 0:
             walker = steps.State(
-                q, v, before, np.nan, bool(number["even"]), number["flag"], number["around"]
+                q, v, before, np.nan, bool(number["even"]), number["asked"], number["pace"],
+                number["flag"], number["around"],
             )  # fmt: skip
             self._walker.restore(walker)
             self._leaving = None

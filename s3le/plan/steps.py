@@ -15,7 +15,7 @@ import numpy as np
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.kernels.solver import clearance_of
-from s3le.plan import causal, ends, limits, pursue, weights
+from s3le.plan import causal, direct, ends, limits, pursue, weights
 from s3le.plan.causal import Bounds
 from s3le.plan.limits import SHORTEST, Limits
 from s3le.plan.settings import Settings, bounds
@@ -29,6 +29,8 @@ EVEN = 1e-6  # share by which steps of a stream may differ and count as even
 _ROWS = 60  # of a braking motion, so that the kernels look at all of it (causal.safe)
 _RESTS = 1e-9  # [rad], by which a joint may come to rest beyond its limit: of floats
 _LONG = 10_000  # most rows of a braking motion
+_FAR = 0.15  # [rad] from what is wanted, from which on a robot that is blocked is to go around
+_STILL = 0.3  # [rad/s], and it is blocked if no joint is faster
 _NEARER = 3e-6  # [m], more than what a measured clearance and the kernels' differ by and ask for
 LONGEST = 1.0  # [s], a robot that was left alone for longer moves as if it had been this
 HOW = {
@@ -49,6 +51,8 @@ class State(NamedTuple):
     before: float  # [s], its duration; NaN: there was none
     clearance: float  # [m], of the pose
     even: bool  # all steps so far were of one length
+    asked: np.ndarray  # [rad], (n,), what was wanted last; NaN: nothing was
+    pace: np.ndarray  # [rad/s], (n,), how fast that had come; NaN: not known
     flag: np.ndarray  # int64 (4,) and
     way: np.ndarray  # [rad], (2, n), see pursue.Memory
 
@@ -115,6 +119,7 @@ class Walker:
         report = self._certifier.require(self._q[None], robot.margin)
         self._clearance = float(report.clearance[0])
         self._v, self._before, self._even = np.zeros(n), np.nan, True
+        self._asked, self._pace = np.full(n, np.nan), np.full(n, np.nan)
 
     @property
     def q(self) -> np.ndarray:
@@ -135,8 +140,8 @@ class Walker:
         """Where the robot is and what it is about; a copy."""
         memory = self._memory
         return State(
-            self.q, self.v, self._before, self._clearance, self._even, memory.flag.copy(),
-            memory.way.copy(),
+            self.q, self.v, self._before, self._clearance, self._even, self._asked, self._pace,
+            memory.flag.copy(), memory.way.copy(),
         )  # fmt: skip
 
     def restore(self, state: State) -> None:
@@ -151,6 +156,9 @@ class Walker:
         q, v = _pose(state.q, n, "a state's pose"), _pose(state.v, n, "a state's speed")
         flag, way = np.array(state.flag), np.array(state.way, float)
         before = float(state.before)
+        asked, pace = np.array(state.asked, float), np.array(state.pace, float)
+        if asked.shape != (n,) or pace.shape != (n,):
+            raise ParameterError(f"a state's wanted pose and its pace must have shape ({n},)")
         good = flag.shape == (4,) and flag.dtype.kind == "i" and 0 <= flag[pursue.LEFT] <= 2
         if not good or way.shape != (2, n) or not np.isfinite(way).all():
             raise ParameterError("a state must come from Walker.state of the same robot")
@@ -168,12 +176,17 @@ class Walker:
             self._q = kept
         if v.any() and not stops:
             raise CertificateError("from this state it is not proven that the robot can brake")
-        self.put(State(q, v, before, float(report.clearance[0]), bool(state.even), flag, way))
+        self.put(
+            State(
+                q, v, before, float(report.clearance[0]), bool(state.even), asked, pace, flag, way
+            )
+        )
 
     def put(self, state: State) -> None:
         """Go back to a state of this very walker; it is not looked at again."""
         self._q[:], self._v[:] = state.q, state.v
         self._before, self._even, self._clearance = state.before, state.even, state.clearance
+        self._asked, self._pace = state.asked, state.pace
         self._memory.flag[:], self._memory.way[:] = state.flag, state.way
 
     def warm_up(self) -> None:
@@ -217,6 +230,8 @@ class Walker:
             how = self._brake(before, dt, to, out)
         elif self._as_wanted(wanted, before, dt, self._bounds if self._even else near, to, out):
             how = causal.WANTED
+        elif not self._skeleton and (how := self._direct(wanted, before, dt, near, to, out)) >= 0:
+            pass
         else:
             how = pursue.pursue(
                 chain, self._swept, self._scratch, self._memory, self._q, self._v, before, dt,
@@ -230,6 +245,8 @@ class Walker:
             how = self._brake(before, dt, to, out)
             if how != causal.HELD and not self._measured(to):
                 how = self._stand(to, out)
+        if wanted is not None:
+            self._note(wanted, dt)
         certified = how != causal.HELD and ends.allowed(
             self._q, self._v, to, 0.5 * (before + dt), dt, self._bounds
         )  # fmt: skip
@@ -321,6 +338,38 @@ class Walker:
             return False
         self._memory.flag[pursue.MODE] = self._memory.flag[pursue.LEFT] = 0
         return True
+
+    def _direct(
+        self,
+        wanted: np.ndarray,
+        before: float,
+        dt: float,
+        near: Bounds,
+        to: np.ndarray,
+        out: np.ndarray,
+    ) -> int:
+        """A step for joints alone; -1: bodies block it, or it goes by other poses already."""
+        if self._memory.flag[pursue.LEFT]:
+            return -1
+        how = direct.direct(
+            self.robot.chain, self._swept, self._scratch, self._q, self._v, before, dt, near,
+            self._careful(), wanted, self._rate_of(wanted, dt), self._bone, self._W, to, out,
+        )  # fmt: skip
+        far, moved = np.abs(to - wanted).max(initial=0.0), np.abs(to - self._q).max(initial=0.0)
+        return -1 if far > _FAR and moved < _STILL * dt else how
+
+    def _rate_of(self, wanted: np.ndarray, dt: float) -> np.ndarray:
+        """How fast what is wanted moves [rad/s], (n,): the slower of its last two steps.
+
+        Where they differ in sign, or there are no two, it stands: a jump is no speed, nor is noise.
+        """
+        now, last = (wanted - self._asked) / dt, self._pace
+        steady = now * last > 0.0  # False where NaN
+        return np.where(steady, np.sign(now) * np.minimum(np.abs(now), np.abs(last)), 0.0)
+
+    def _note(self, wanted: np.ndarray, dt: float) -> None:
+        self._pace = (wanted - self._asked) / dt
+        self._asked = wanted
 
     def _careful(self) -> causal.Care:
         """The clearances of a step: some in reserve, but no more than the robot has already."""
