@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 from worlds import coman
 
-from s3le.kernels import batch
+from s3le.kernels import batch, threads
 from s3le.plan.limits import limits
 from s3le.retarget import stored
 from s3le.retarget.follow import frame_by_frame
@@ -26,6 +26,7 @@ def led_by(monkeypatch, cls):
     made = cls(coman())
     monkeypatch.setattr(stored, "retargeter_for", lambda robot, watch=None, streams=False: made)
     monkeypatch.setattr(Retargeter, "load", lambda folder, method=None: made)
+    monkeypatch.setattr(threads, "processors", lambda: 1)  # other processes are led by the real one
     return made
 
 

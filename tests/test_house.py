@@ -41,6 +41,7 @@ ROOM_OF = {  # a heavy dependency lives in one room
         "s3le/guard/table.py",
         "s3le/human/tables.py",
         "s3le/learn/table.py",
+        "s3le/retarget/clips.py",
         "s3le/retarget/table.py",
         "s3le/robot/table.py",
         "s3le/study/tables.py",

@@ -100,7 +100,7 @@ def audit(
         named = shell.names(joints)
         told: list[dict[str, Any]] = []
         status = shell.OK
-        for path in files:
+        for path in shell.motions(files):
             try:
                 for one in _motions(path, its, fps, named, degrees):
                     report, notes = _one(one, its, wanted, every=margin is not None)

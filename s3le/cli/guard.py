@@ -69,7 +69,7 @@ def guard(
             help="Which feature of a LeRobot folder holds the joints.", show_default="action"
         ),
     ] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; 0: one for every processor.", min=0)] = 0,
+    jobs: options.Jobs = 0,
     ray_address: Annotated[
         str | None,
         typer.Option(
@@ -119,7 +119,7 @@ def guard(
         )
         named = shell.names(joints)
         reading = Reading(fps, None if named is None else tuple(named), degrees, column)
-        pieces = places.pieces(files, out)
+        pieces = places.pieces(shell.motions(files), out)
         held = its.to_bytes()
 
         def cleaning(sources: tuple[str, ...], hashes: tuple[str, ...]) -> Cleaning:
@@ -144,9 +144,9 @@ def guard(
                 for record in folder.process(pieces, its, cleaning, where, partial(_bar, check)):
                     records.append(record)
                     if record.why:
-                        typer.echo(f"{record.status}: {record.why}", err=True)
+                        shell.say(f"{record.status}: {record.why}", err=True)
                     for note in record.summary.get("notes", []):
-                        typer.echo(f"{record.piece.source}: note: {note}", err=True)
+                        shell.say(f"{record.piece.source}: note: {note}", err=True)
                     if step:
                         step(1)
             order = {piece: number for number, piece in enumerate(pieces)}

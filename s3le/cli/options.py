@@ -56,6 +56,7 @@ Joints = Annotated[
     typer.Option(help="Names of the columns, for files that have none: NAME,NAME,... or a file."),
 ]
 Degrees = Annotated[bool, typer.Option("--degrees", help="Angles of the files are in degrees.")]
+Jobs = Annotated[int, typer.Option(help="Processes; 0: one for every processor.", min=0)]
 Layout = Annotated[
     str | None,
     typer.Option(

@@ -1,15 +1,17 @@
 """`s3le retarget`: clips in, one certified motion each out."""
 
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from s3le.cli import options, shell
-from s3le.errors import S3leError
 
 if TYPE_CHECKING:
-    from s3le.retarget import outputs
+    from s3le.human.skeletons import ClipFrames
+    from s3le.retarget.clips import Record
     from s3le.retarget.stream import Retargeter
 
 
@@ -74,6 +76,10 @@ def retarget(
     confidence: options.Confidence = None,
     animation: options.Animation = None,
     names: options.Names = None,
+    jobs: options.Jobs = 0,
+    again: Annotated[
+        bool, typer.Option("--again", help="Make every clip anew, also those that are finished.")
+    ] = False,
 ) -> None:
     """Retarget motion files: one Parquet and one JSON summary per clip, all of it certified.
 
@@ -82,13 +88,16 @@ def retarget(
     before anything is written; a clip that fails is named, and the others are still written. What
     keypoints leave open (which joint is which, up, tilt, unit, rate) is found in the data and said,
     or asked for. A clip of which most frames cannot be used fails too. Without --model the robot's
-    poses are made when it is first asked for, and kept.
+    poses are made when it is first asked for, and kept. All clips together get a table
+    (retarget.parquet). What an earlier run has finished, of the same clip with the same options,
+    is kept.
 
     \b
     s3le retarget walk.bvh --out out
     s3le retarget 14_05.amc 14_07.amc.gz --robot g1 --out out --csv --npz
     s3le retarget walk.bvh --robot my.yaml --out out
     s3le retarget walk.bvh --model data/retargeter --out out
+    s3le retarget clips/ --out out --jobs 8
     s3le retarget clips/ --out out --rate 500 --lead-in 2
     s3le retarget walk.bvh --out out --full --for gmr --for mjlab --rate 30
     s3le retarget mediapipe.npz --out out --pitch 12
@@ -101,14 +110,17 @@ def retarget(
     """  # noqa: D301
     with shell.guarded():
         from s3le.human.chosen import chosen
-        from s3le.retarget import outputs
+        from s3le.kernels.threads import processors
+        from s3le.retarget import clips as table
+        from s3le.retarget import many, outputs
+        from s3le.retarget.task import Asked, Lead, Retargeting
+        from s3le.tuples.engine import lock
 
         known = shell.how(layout, axes, pitch, person, confidence, animation, names)
-        read = {"fps": fps, "tilt_max": tilt_max, "how": known}
         paths = chosen(clips)
-        retargeter, about, line = shell.retargeter(model, method, robot)
+        its, words, line = shell.retargeter(model, method, robot)
         shape = outputs.shape(
-            retargeter.robot,
+            its.robot,
             csv=csv,
             npz=npz,
             full=full,
@@ -116,50 +128,68 @@ def retarget(
             root_height=root_height,
         )
         outputs.refuse_overlap(paths, out, shape)
-        how = {
-            "rate": rate,
-            "even": bool(shape.tools),
-            "lead_in": lead_in,
-            "about": about,
-        }
+        workers = min(jobs or processors(), len(paths))
+        task = Retargeting(
+            robot=its.robot.tag,
+            lead=Lead.of(its.robot, model, method),
+            asked=Asked(fps, tilt_max, known, accept_minority, rate, bool(shape.tools), lead_in),
+            words=words,
+            written=shape.about(),
+        )
         typer.echo(line)
-        failed = 0
-        for path in paths:
-            try:
-                summary = _one(path, retargeter, out, shape, read, accept_minority, how)
-            except (S3leError, OSError) as refusal:
-                shell.complain(refusal)
-                failed += 1
-                continue
-            typer.echo(_line(path, summary))
-        if failed:
+        with lock.held(out / ".retarget.lock", str(out), kept="what it has finished is kept"):
+            if workers > 1:
+                _compile(its)
+            one = _bar if len(paths) == 1 else None
+            found = many.process(
+                paths, out, its, shape, task, workers=workers, again=again, bar=one
+            )
+            records = _told(found, paths)
+            table.write(records, its.settings.between, its.robot.tag, out / outputs.TABLE)
+        if len(paths) > 1:
+            typer.echo(table.total(records))
+        if failed := sum(not record.summary for record in records):
             typer.echo(f"{failed} of {len(paths)} clips failed", err=True)
             raise typer.Exit(shell.BROKEN)
 
 
-def _one(
-    path: Path,
-    retargeter: "Retargeter",
-    out: Path,
-    shape: "outputs.Shape",
-    read: dict[str, Any],
-    minority: bool,
-    how: dict[str, Any],
-) -> dict[str, Any]:
-    """Retarget one clip and write what came of it."""
-    from s3le.human.origin import about_clip
-    from s3le.human.skeletons import read_frames, refuse_minority
-    from s3le.retarget import clip, outputs
+def _told(found: "Iterable[Record]", paths: list[Path]) -> "list[Record]":
+    """All records in the order of their clips; each is told once those before it are done."""
+    waiting: dict[Path, Record] = {}
+    told: list[Record] = []
+    many = len(paths) > 1
+    with shell.bar(len(paths), "all", "clips", "") if many else nullcontext() as step:
+        for record in found:
+            waiting[record.path] = record
+            while len(told) < len(paths) and paths[len(told)] in waiting:
+                told.append(waiting.pop(paths[len(told)]))
+                _say(told[-1])
+            if step:
+                step(1)
+    return told
 
-    how = how | {"about": how["about"] | about_clip(path, out)}
-    frames = read_frames(path, retargeter.robot.neck, **read)
-    if not minority:
-        refuse_minority(path, frames)
-    for words in frames.reading.told if frames.reading else ():
-        typer.echo(f"{path}: note: {words}", err=True)
-    with shell.bar(len(frames.x), frames.name, "frames") as progress:
-        made = clip.convert(retargeter, frames, **how, progress=progress)
-    return outputs.write(made, retargeter.robot, out, shape).summary
+
+def _say(record: "Record") -> None:
+    for note in record.notes:
+        shell.say(f"{record.path}: note: {note}", err=True)
+    if record.why:
+        shell.say(f"{record.status}: {record.why}", err=True)
+    else:
+        kept = " (kept)" if record.kept else ""
+        shell.say(_line(record.path, record.summary) + kept)
+
+
+def _bar(frames: "ClipFrames") -> AbstractContextManager[Any]:
+    return shell.bar(len(frames.x), frames.name, "frames")
+
+
+def _compile(its: "Retargeter") -> None:
+    """Compile before workers do it side by side."""
+    from s3le.kernels import compiled
+    from s3le.plan import whole
+
+    if not compiled.stored(whole.SLOWEST):
+        its.warm_up_plan()
 
 
 def _line(path: Path, summary: dict[str, Any]) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # for the reader; importing it takes a second
 
 OK, BROKEN, UNREADABLE = 0, 1, 2  # exit status
 _ONCE = "once for this machine"
+_RESULTS = ("guard", "retarget")  # tables that lie beside motions
 RESOLVED = Path("data/robot")  # what the stage `robot` writes
 
 
@@ -45,6 +46,34 @@ def complain(refusal: Exception) -> None:
     """One line on stderr."""
     words = str(refusal).replace("\n", " ")
     typer.echo(f"{type(refusal).__name__}: {words}", err=True)
+
+
+def say(words: str, err: bool = False) -> None:
+    """One line that does not run into a progress bar.
+
+    Args:
+        words: the line.
+        err: on stderr.
+    """
+    from tqdm import tqdm
+
+    with tqdm.external_write_mode(sys.stderr if err else sys.stdout):
+        typer.echo(words, err=err)
+
+
+def motions(files: "list[Path]") -> "list[Path]":
+    """The files without the tables of results that lie beside them, as `out/*.parquet` meets them.
+
+    Where nothing else is given they stay, for whoever opens them says what they are not.
+    """
+    from s3le.store.tables import name_of
+
+    others = [path for path in files if name_of(path) in _RESULTS]
+    if len(others) == len(files):
+        return files
+    for path in others:
+        say(f"{path}: note: is no motion but the table of results, and passed over", err=True)
+    return [path for path in files if path not in others]
 
 
 @contextmanager

@@ -49,7 +49,7 @@ def load(
     names = shell.names(joints)
     usual = shell.robot(robot)
     shown = []
-    for path in files:
+    for path in shell.motions(files):
         one = _read(path, usual, robot is None, rate, names, degrees)
         for note in one.notes:
             typer.echo(f"{path}: note: {note}", err=True)

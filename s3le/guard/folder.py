@@ -5,18 +5,17 @@ code, and what the result holds, each by a hash. Whatever ends this process, a r
 one, the new one or none, and the next run goes on from there.
 """
 
-import json
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from s3le.errors import CertificateError, S3leError, TrajectoryError
 from s3le.guard.clean import Cleaned
 from s3le.guard.places import Piece, fingerprint
-from s3le.guard.task import Cleaning, Reading, Refusal, decode, opened
+from s3le.guard.task import Cleaning, Reading, decode, opened
 from s3le.robot.robot import Robot
-from s3le.store import documents
+from s3le.store import documents, sidecar
 from s3le.tuples.engine import key, run
+from s3le.tuples.engine.parcel import Refusal
 from s3le.tuples.engine.task import Job, Task
 
 FORMAT = "guard 1"
@@ -25,7 +24,7 @@ CERTIFIED, MADE, BROKEN, REFUSED, UNREADABLE = (
 )  # fmt: skip
 _WHOLE = {
     "frames", "seconds", "episodes", "before", "after", "moved", "certificate", "changed", "holds",
-    "notes", "input_sha256", "output_sha256", "asked_and_made_with",
+    "notes",
 }  # fmt: skip
 
 
@@ -161,11 +160,11 @@ def put(
             "removed; this is a fault of the layout's writer, please report it"
         )
     summary = found.summary | {
-        "format": FORMAT,
+        sidecar.FORMAT: FORMAT,
         "file": piece.name,
-        "input_sha256": held,
-        "output_sha256": fingerprint(piece.target),
-        "asked_and_made_with": tag,
+        sidecar.INPUT: held,
+        sidecar.OUTPUT: fingerprint(piece.target),
+        sidecar.TAG: tag,
         "changed": any(new is not None for new in found.q),
     }
     documents.write_json(summary, piece.sidecar)
@@ -177,10 +176,10 @@ def finished(piece: Piece, held: str, tag: str) -> dict[str, Any] | None:
     summary = _said(piece)
     if summary is None or summary.get("holds") is not True:
         return None
-    if summary.get("input_sha256") != held or summary.get("asked_and_made_with") != tag:
+    if not sidecar.answers(summary, held, tag):
         return None
     try:
-        return summary if summary.get("output_sha256") == fingerprint(piece.target) else None
+        return summary if summary[sidecar.OUTPUT] == fingerprint(piece.target) else None
     except OSError:
         return None
 
@@ -190,7 +189,7 @@ def _refused(piece: Piece, found: Refusal, check: bool) -> Record:
     why, said = found.why, None if check else _said(piece)
     if said is not None:
         try:
-            own = said.get("output_sha256") == fingerprint(piece.target)
+            own = said[sidecar.OUTPUT] == fingerprint(piece.target)
         except OSError:
             own = False
         if own:
@@ -200,13 +199,7 @@ def _refused(piece: Piece, found: Refusal, check: bool) -> Record:
 
 
 def _said(piece: Piece) -> dict[str, Any] | None:
-    """What a sidecar says, if it is one of ours."""
-    try:
-        tree = json.loads(Path(piece.sidecar).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return None
-    ours = isinstance(tree, dict) and tree.get("format") == FORMAT and tree.keys() >= _WHOLE
-    return tree if ours else None
+    return sidecar.read(piece.sidecar, FORMAT, _WHOLE)
 
 
 def _status(summary: dict[str, Any]) -> str:

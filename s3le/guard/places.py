@@ -10,6 +10,7 @@ from typing import NamedTuple
 from s3le.errors import ParameterError
 from s3le.guard.layouts.door import find
 from s3le.motion import text
+from s3le.store import sidecar
 
 TABLE = "guard.parquet"  # of a folder of results
 SIDECAR = ".guard.json"  # behind a result's name
@@ -116,8 +117,7 @@ def fingerprint(path: Path) -> str:
 
 
 def _digest(path: Path) -> bytes:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").digest()
+    return bytes.fromhex(sidecar.digest(path))
 
 
 def _with_side(path: Path) -> list[Path]:

@@ -4,14 +4,10 @@ A worker opens the file itself, so all machines must see it under the same path;
 travels back as plain arrays and JSON.
 """
 
-import io
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from s3le.errors import CertificateError, S3leError, TrajectoryError
 from s3le.guard.claim import Claim
@@ -20,6 +16,8 @@ from s3le.guard.layouts.door import open_layout
 from s3le.guard.layouts.episode import Layout
 from s3le.guard.places import fingerprint
 from s3le.robot.robot import Files, Robot
+from s3le.tuples.engine import parcel
+from s3le.tuples.engine.parcel import Refusal
 from s3le.tuples.engine.task import Job, Made
 
 
@@ -38,13 +36,6 @@ class Reading(NamedTuple):
             TrajectoryError: as open_layout.
         """
         return open_layout(path, robot, **self._asdict())
-
-
-class Refusal(NamedTuple):
-    """Why there is no answer for a file."""
-
-    unreadable: bool  # else it was read, and no motion was found that holds
-    why: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,22 +107,14 @@ def opened(files: Files, claim: Claim) -> Guard:
 def encode(found: Cleaned | Refusal) -> bytes:
     """What was found as bytes."""
     if isinstance(found, Refusal):
-        tree: dict[str, Any] = {"refusal": found._asdict()}
-        arrays: dict[str, Any] = {}
-    else:
-        tree = {"summary": found.summary, "episodes": len(found.q)}
-        arrays = {f"q{i}": q for i, q in enumerate(found.q) if q is not None}
-    sink = io.BytesIO()
-    arrays["about"] = np.array(json.dumps(tree, allow_nan=False))
-    np.savez(sink, allow_pickle=False, **arrays)
-    return sink.getvalue()
+        return parcel.pack({"refusal": found._asdict()}, {})
+    tree = {"summary": found.summary, "episodes": len(found.q)}
+    return parcel.pack(tree, {f"q{i}": q for i, q in enumerate(found.q) if q is not None})
 
 
 def decode(data: bytes) -> Cleaned | Refusal:
     """What `encode` made bytes of."""
-    with np.load(io.BytesIO(data), allow_pickle=False) as held:
-        tree = json.loads(str(held["about"]))
-        if "refusal" in tree:
-            return Refusal(**tree["refusal"])
-        q = [held[f"q{i}"] if f"q{i}" in held else None for i in range(tree["episodes"])]
-    return Cleaned(q, tree["summary"])
+    tree, arrays = parcel.unpack(data)
+    if "refusal" in tree:
+        return Refusal(**tree["refusal"])
+    return Cleaned([arrays.get(f"q{i}") for i in range(tree["episodes"])], tree["summary"])

@@ -11,6 +11,7 @@ from s3le.human.amc import cmu_rate, read_amc, read_asf
 from s3le.human.bvh import read_bvh
 from s3le.human.clip import Clip, Reading, clip_name
 from s3le.human.deepmimic import read_deepmimic
+from s3le.human.keypoints import gltf
 from s3le.human.keypoints.folders import frames_of
 from s3le.human.keypoints.how import How
 from s3le.human.keypoints.read import read_keypoints
@@ -21,9 +22,8 @@ from s3le.human.text import no_file, read_bytes
 
 SUFFIXES = (".amc", ".bvh", ".json", ".txt")  # each also with .gz; .asf goes with .amc
 # Of estimators, as .json may be; and skeletons of scenes.
-KEYPOINTS = (
-    ".npz", ".npy", ".csv", ".trc", ".pkl", ".pickle", ".pt", ".pth", ".glb", ".gltf", ".vrma"
-)  # fmt: skip
+SCENES = (".glb", ".gltf", ".vrma")
+KEYPOINTS = (".npz", ".npy", ".csv", ".trc", ".pkl", ".pickle", ".pt", ".pth", *SCENES)
 _NO_MOTION = re.compile(r"shape\.npz|(male|female|neutral)_stagei\.npz")  # beside AMASS' motions
 POINTS = ".parquet"  # of `s3le video`
 READ = (*SUFFIXES, POINTS, *KEYPOINTS)
@@ -168,6 +168,35 @@ def digest(path: Path | str) -> str:
         if file.is_file():
             whole.update(file.name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
     return whole.hexdigest()
+
+
+def fingerprint(path: Path | str, own: str | None = None) -> str:
+    """SHA-256 of all that a clip is read from: its own, and that of the files that it leans on.
+
+    Args:
+        path: the clip.
+        own: its digest, where that is known.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    own = digest(path) if own is None else own
+    others = [file for file in _beside(Path(path)) if not no_file(file)]
+    if not others:
+        return own
+    held = [own, *(f"{file.name} {digest(file)}" for file in others)]
+    return hashlib.sha256("\n".join(held).encode()).hexdigest()
+
+
+def _beside(path: Path) -> list[Path]:
+    """The skeleton of an .amc, the buffers of a scene."""
+    kind = suffix_of(path)
+    if kind in SCENES:
+        return gltf.beside(path)
+    try:
+        return [skeleton_of(path)] if kind == ".amc" else []
+    except ClipError:
+        return []  # whoever reads it is told
 
 
 def skeleton_of(path: Path | str) -> Path:

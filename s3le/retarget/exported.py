@@ -165,6 +165,18 @@ def method(folder: Path) -> str:
     return str(documents.read_json(Path(folder) / ABOUT, "export")["method"])
 
 
+def digest(folder: Path) -> str:
+    """SHA-256 that stands for all of a retargeter that could be loaded: of what names each file's.
+
+    Raises:
+        BundleError: it cannot be read.
+    """
+    try:
+        return _hash(Path(folder) / ABOUT)
+    except OSError as error:
+        raise BundleError(f"{folder}: {ABOUT} cannot be read ({error.strerror})") from None
+
+
 def _proposer(folder: Path, it: Robot, about: dict, settings: Settings) -> propose.Proposer:
     method, metric, encode = about["method"], about["metric"], None
     if method not in METHODS or metric not in LATENT_METRICS:

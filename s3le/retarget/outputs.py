@@ -1,8 +1,8 @@
 """What is written of a retargeted clip: which files, which joints, which base, for which tools."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from s3le.errors import ParameterError
 from s3le.human.clip import clip_name
@@ -11,7 +11,9 @@ from s3le.motion.root import Root
 from s3le.motion.whole import Whole
 from s3le.retarget.clip import Result
 from s3le.robot.robot import Robot
-from s3le.store import documents
+from s3le.store import documents, sidecar
+
+TABLE = "retarget.parquet"  # what became of each clip; see s3le.retarget.clips
 
 
 class Shape(NamedTuple):
@@ -22,6 +24,17 @@ class Shape(NamedTuple):
     tools: list[str]  # of layouts.SUFFIX
     whole: Whole | None  # None: neither is asked for
     base: Root | None
+
+    def about(self) -> dict[str, Any]:
+        """What of it can change a file, as JSON; the robot apart."""
+        base = None if self.base is None else [self.base.height, self.base.because]
+        return {"files": self.suffixes, "full": self.full, "for": self.tools, "base": base}
+
+    def files(self, name: str) -> list[str]:
+        """Names of the files of a clip, without its summary."""
+        ends = [*self.suffixes, *(layouts.SUFFIX[tool] for tool in self.tools)]
+        ends += [f"{end}.json" for end in ends if end.endswith(".csv")]
+        return [name + end for end in ends]
 
 
 def shape(
@@ -73,12 +86,15 @@ def refuse_overlap(paths: list[Path], out: Path, shape: Shape) -> None:
     Raises:
         ParameterError: two results, or a result and a clip, would be one file.
     """
-    ends = [*shape.suffixes, ".json", *(layouts.SUFFIX[tool] for tool in shape.tools)]
-    ends += [f"{end}.json" for end in ends if end.endswith(".csv")]
     writer: dict[str, Path] = {}
     given = {path.resolve(): path for path in paths}
+    if clip := given.get((out / TABLE).resolve()):
+        raise ParameterError(f"{clip} is a clip, and would be replaced by the table; "
+                             "give another folder as --out")  # fmt: skip
     for path in paths:
-        for name in (clip_name(path) + end for end in ends):
+        for name in (*shape.files(clip_name(path)), summary_of(clip_name(path))):
+            if name == TABLE:
+                raise ParameterError(f"{path}: {TABLE} is the name of the table; rename the clip")
             if clip := given.get((out / name).resolve()):
                 raise ParameterError(f"{clip} is a clip, and would be replaced by a result of that "
                                      "name; give another folder as --out")  # fmt: skip
@@ -87,17 +103,31 @@ def refuse_overlap(paths: list[Path], out: Path, shape: Shape) -> None:
                                      "to two folders")  # fmt: skip
 
 
-def write(result: Result, robot: Robot, out: Path, shape: Shape) -> Result:
+def summary_of(name: str) -> str:
+    """Name of a clip's summary."""
+    return f"{name}.json"
+
+
+def write(
+    result: Result,
+    robot: Robot,
+    out: Path,
+    shape: Shape,
+    about: Mapping[str, Any] | None = None,
+) -> Result:
     """Write a clip's motion and summary into a folder, each whole or not at all.
+
+    The summary is taken away first and written last: it speaks of files that lie there.
 
     Args:
         result: what became of the clip.
         robot: whose motion it is.
         out: folder.
         shape: what is written.
+        about: further words for the summary.
 
     Returns:
-        The result, its summary with what was said of the joints.
+        The result, its summary with what was said of the joints and with a hash of each file.
 
     Raises:
         TrajectoryError, OSError: a file cannot be written.
@@ -108,6 +138,7 @@ def write(result: Result, robot: Robot, out: Path, shape: Shape) -> Result:
         complete = whole.complete(written, robot, shape.whole)
         written = complete if shape.full else written
         summary = summary | {"whole": whole.tree(shape.whole)}
+    (out / summary_of(name)).unlink(missing_ok=True)
     for suffix in shape.suffixes:
         files.write(written, out / f"{name}{suffix}")
     for tool in shape.tools:
@@ -115,5 +146,7 @@ def write(result: Result, robot: Robot, out: Path, shape: Shape) -> Result:
         assert complete is not None and shape.whole is not None and shape.base is not None
         numbered = whole.numbered(complete, shape.whole)
         layouts.write(numbered, shape.base, summary["rate"], tool, to)
-    documents.write_json(summary, out / f"{name}.json")
+    held = {file: sidecar.digest(out / file) for file in shape.files(name)}
+    summary = {**summary, **(about or {}), sidecar.OUTPUT: held}
+    documents.write_json(summary, out / summary_of(name))
     return Result(result.motion, summary)

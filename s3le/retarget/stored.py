@@ -79,9 +79,7 @@ def retargeter_for(
         if streams:
             standing.warm_up()
         else:
-            standing.planner().warm_up()
-            x = batch.skeletons(robot.chain, robot.anchor[None]).repeat(3, axis=0)
-            standing.plan(x, np.full(3, 1.0 / 30.0))
+            standing.warm_up_plan()
     return _loaded(robot, changed, watch)
 
 

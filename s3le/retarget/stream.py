@@ -191,13 +191,19 @@ class Retargeter:
 
         The first time after an installation this takes a minute or two. A look-up's scratch is
         made too, for the thread that calls this. The first stream does it by itself; what a file
-        needs is compiled with the first one, or by planner().warm_up().
+        needs is compiled with the first one, or by warm_up_plan.
         """
         x = batch.skeletons(self.robot.chain, self.robot.anchor[None])[0]
         stream, self._warm = Stream(self, None, True), True
         for _ in range(2):  # a first frame, and one that moves
             stream.step(x, 1.0 / 30.0)
         Calm.warm_up(x)
+
+    def warm_up_plan(self) -> None:
+        """Compile what a whole motion needs, or read it from the store."""
+        self.planner().warm_up()
+        x = batch.skeletons(self.robot.chain, self.robot.anchor[None]).repeat(3, axis=0)
+        self.plan(x, np.full(3, 1.0 / 30.0))
 
     def propose(self, x: np.ndarray) -> np.ndarray:
         """Poses to start from [rad], (k, n_dof)."""

@@ -136,6 +136,17 @@ def read(
     return out
 
 
+def name_of(path: Path) -> str | None:
+    """Which table a Parquet file says that it is; None of any other file."""
+    if Path(path).suffix.lower() != ".parquet" or not Path(path).is_file():
+        return None
+    try:
+        told = pq.read_schema(path).metadata or {}
+    except (pa.ArrowException, OSError):
+        return None
+    return told.get(b"s3le.table", b"").decode("utf-8", "replace") or None
+
+
 def read_frame(table: Table, path: Path, robot: str | None = None) -> pl.DataFrame:
     """Read a table of one file as a polars frame; otherwise as `read`."""
     path = Path(path)

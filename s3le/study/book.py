@@ -3,6 +3,8 @@
 from s3le.guard.table import guard, motions
 from s3le.human.tables import MOCAP_DOMAIN, MOCAP_POINTS, SKELETONS
 from s3le.learn.table import index
+from s3le.retarget.clips import retarget
+from s3le.retarget.settings import Settings
 from s3le.retarget.table import stored_poses
 from s3le.robot.table import ROBOT_PAIRS
 from s3le.store.schema import Table
@@ -33,6 +35,7 @@ def tables(n_dof: int, margin: float, latent: int) -> list[Table]:
         stored_poses(n_dof, margin),
         guard(margin),
         motions(n_dof, margin),
+        retarget(Settings().between),
     ]
 
 

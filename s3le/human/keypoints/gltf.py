@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from s3le.errors import ClipError
 from s3le.human.keypoints import gltf_keys
 from s3le.human.keypoints.clocks import Clock
 from s3le.human.keypoints.found import Found
@@ -50,15 +51,27 @@ def read_gltf(path: Path | str, how: How) -> Found:
     path = Path(path)
     data = read_bytes(path)
     try:
-        tree, buffers = _container(path, data)
+        tree, binary = _container(path, data)
+        buffers = [_buffer(path, one, binary) for one in tree.get("buffers", [])]
         return _motion(path, tree, buffers, how)
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as damage:
         words = (str(damage).splitlines() or [""])[0][:120]
         raise refusal(path, None, f"is no sound glTF ({type(damage).__name__}: {words})") from None
 
 
-def _container(path: Path, data: bytes) -> tuple[Any, list[bytes]]:
-    """The JSON of a file and its buffers."""
+def beside(path: Path) -> list[Path]:
+    """The files beside a scene that hold its buffers; none of a scene that cannot be read."""
+    try:
+        tree, _ = _container(path, read_bytes(path))
+        named = [str(one.get("uri", "")) for one in tree.get("buffers", [])]
+    except (ClipError, TypeError, AttributeError):
+        return []
+    named = [uri for uri in named if uri and not uri.startswith("data:")]
+    return [path.with_name(uri) for uri in named if Path(uri).name == uri]
+
+
+def _container(path: Path, data: bytes) -> tuple[Any, bytes]:
+    """The JSON of a file, and the buffer that is in it."""
     binary = b""
     if path.suffix.lower() == ".glb" or data[:4] == b"glTF":
         if len(data) < _HEAD.size or data[:4] != b"glTF":
@@ -80,8 +93,7 @@ def _container(path: Path, data: bytes) -> tuple[Any, list[bytes]]:
             raise refusal(path, None, "is no GLB (its first chunk is not JSON)")
         data = chunks[0][1].rstrip(b" \0")
         binary = next((content for kind, content in chunks if kind == b"BIN\0"), b"")
-    tree = read_json(path, data)
-    return tree, [_buffer(path, one, binary) for one in tree.get("buffers", [])]
+    return read_json(path, data), binary
 
 
 def _buffer(path: Path, one: Mapping, binary: bytes) -> bytes:
