@@ -25,6 +25,7 @@ def examples(monkeypatch):
 
 def test_a_gmr_file_is_repaired_and_the_rest_of_it_is_untouched(tmp_path):
     import repair_gmr
+
     from s3le.guard import Guard
 
     path = made.gmr(tmp_path, dtype="f4")
@@ -48,6 +49,7 @@ def test_a_gmr_file_is_repaired_and_the_rest_of_it_is_untouched(tmp_path):
 @pytest.mark.parametrize("degrees", [False, True])
 def test_a_lerobot_step_guards_joints_and_lets_the_rest_pass(degrees):
     import lerobot_step
+
     from s3le.errors import StateError
 
     step = lerobot_step.GuardStep("g1", fps=30.0, degrees=degrees)
