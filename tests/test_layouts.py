@@ -183,7 +183,7 @@ def test_what_is_out_of_the_range_already_is_not_pulled_in():
 def test_an_angle_that_the_file_cannot_hold_is_refused():
     it = Numbers((np.zeros(2, "f4"),), (False,), np.zeros((2, 1)), np.array([-9.0]),
                  np.array([9.0]))  # fmt: skip
-    with pytest.raises(TrajectoryError, match="a: row 1: angle 0, 1e\\+300 rad, is larger than"):
+    with pytest.raises(TrajectoryError, match="a: row 1: angle 0, 1e.300 rad, is larger than"):
         it.as_written("a", np.array([[1.0], [1e300]]))
 
 
@@ -650,9 +650,9 @@ def test_what_a_parquet_file_claims_to_hold_is_counted_before_it_is_read(tmp_pat
 
 
 def test_a_parquet_file_that_claims_too_much_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("s3le.motion.parquet.MOST_VALUES", 1000)
-    refused(made.parquet_each(tmp_path), "holds more than 1000 numbers", of="coman")
-    with pytest.raises(TrajectoryError, match="holds more than 1000 numbers"):
+    monkeypatch.setattr("s3le.motion.parquet.MOST_VALUES", 100)
+    refused(made.parquet_each(tmp_path), "holds more than 100 numbers", of="coman")
+    with pytest.raises(TrajectoryError, match="holds more than 100 numbers"):
         files.read(tmp_path / "i.parquet")
 
 
