@@ -329,12 +329,17 @@ def test_a_result_of_other_numbers_does_not_stand_in_for_one_that_is_refused(
     assert {p.name for p in out.iterdir()} == {".guard.lock", "guard.parquet"}
 
 
-def test_what_somebody_else_put_there_is_not_taken_away(bad, tmp_path, monkeypatch):
+@pytest.mark.parametrize("earlier", [False, True])
+def test_what_somebody_else_put_there_is_not_taken_away(bad, tmp_path, monkeypatch, earlier):
+    out = tmp_path / "out"
+    if earlier:
+        assert run("guard", bad, *ONE, "--out", out).exit_code == shell.OK
+    out.mkdir(exist_ok=True)
+    (out / "bad.csv").write_text("mine")
     lying(monkeypatch, stays)
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "bad.csv").write_text("mine")
-    assert run("guard", bad, *ONE, "--out", tmp_path / "out").exit_code == shell.BROKEN
-    assert (tmp_path / "out" / "bad.csv").read_text() == "mine"
+    said = run("guard", bad, *ONE, "--out", out, "--acceleration", 50)
+    assert said.exit_code == shell.BROKEN
+    assert (out / "bad.csv").read_text() == "mine"
 
 
 def alone(*words):
