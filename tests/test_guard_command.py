@@ -275,6 +275,20 @@ def test_a_folder_keeps_its_tree_and_gets_a_table_and_a_line(tree, tmp_path):
     assert len(told(tmp_path / "twice")) == 3  # the table is no motion
 
 
+def test_links_keep_the_names_that_they_have(tree, tmp_path):
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links" / "far.csv").symlink_to(tree / "a" / "one.csv")
+    (tmp_path / "near.csv").symlink_to(tree / "b" / "one.csv")
+    given = [tmp_path / "links", tmp_path / "near.csv"]
+    said = run("guard", *given, *ONE, "--out", tmp_path / "out")
+    assert said.exit_code == shell.OK, said.output
+    assert told(tmp_path / "out")["file"].to_list() == ["far.csv", "near.csv"]
+    said = run("guard", tmp_path / "links", *ONE, "--out", tree / "a")
+    assert said.exit_code == shell.OK  # far.csv there is another file than one.csv
+    said = run("guard", tmp_path / "near.csv", *ONE, "--out", tmp_path)
+    assert said.exit_code == shell.UNREADABLE and "would be replaced" in said.output
+
+
 def test_no_result_replaces_an_input_or_another_result(tree, tmp_path):
     put(tmp_path / "in2" / "one.csv", swaying())
     before = snapshot(tmp_path)
