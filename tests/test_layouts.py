@@ -19,7 +19,7 @@ from s3le.errors import TrajectoryError
 from s3le.guard.layouts.door import find, open_layout
 from s3le.guard.layouts.episode import GUARDED
 from s3le.guard.layouts.numbers import Numbers, decode
-from s3le.motion import files, trajectory
+from s3le.motion import files, footer, trajectory
 
 H5PY = pytest.mark.skipif(find_spec("h5py") is None, reason="no h5py")
 ALL = [pytest.param(name, marks=H5PY) if name == "hdf5" else name for name in KINDS]
@@ -183,7 +183,7 @@ def test_what_is_out_of_the_range_already_is_not_pulled_in():
 def test_an_angle_that_the_file_cannot_hold_is_refused():
     it = Numbers((np.zeros(2, "f4"),), (False,), np.zeros((2, 1)), np.array([-9.0]),
                  np.array([9.0]))  # fmt: skip
-    with pytest.raises(TrajectoryError, match="a: row 1: angle 0, 1e\\+300 rad, is larger than"):
+    with pytest.raises(TrajectoryError, match="a: row 1: angle 0, 1e.300 rad, is larger than"):
         it.as_written("a", np.array([[1.0], [1e300]]))
 
 
@@ -610,7 +610,8 @@ def broken(path):
     return [path / name for name in ("meta/info.json", "data/chunk-000/file-000.parquet", *stats)]
 
 
-@pytest.mark.parametrize("name", ALL)
+# libhdf5 itself goes round in circles over some damaged files (docs/files.md).
+@pytest.mark.parametrize("name", [name for name in KINDS if name != "hdf5"])
 def test_a_damaged_file_is_refused_or_read_and_written_as_any(tmp_path, name):
     kind = KINDS[name]
     path = kind.make(tmp_path)
@@ -634,6 +635,25 @@ def test_a_damaged_file_is_refused_or_read_and_written_as_any(tmp_path, name):
             assert before == {one: one.read_bytes() for one in broken(path)}
         file.write_bytes(good)
     assert refusals > 0.1 * MUTANTS
+
+
+@pytest.mark.parametrize("kind", ["fixed", "list"])
+def test_what_a_parquet_file_claims_to_hold_is_counted_before_it_is_read(tmp_path, kind):
+    path = made.parquet_list(tmp_path, kind)
+    meta = pq.ParquetFile(path).metadata
+    groups = [meta.row_group(i) for i in range(meta.num_row_groups)]
+    values = sum(group.column(j).num_values for group in groups for j in range(3))
+    assert footer.claimed(path) == values > ROWS * (7 + len(joints()))
+    long = pa.array(np.zeros((1, 1 << 20)).tolist(), pa.list_(pa.float32()))
+    pq.write_table(pa.table({"q": long}), path)
+    assert path.stat().st_size < 10_000 and footer.claimed(path) == 1 << 20
+
+
+def test_a_parquet_file_that_claims_too_much_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("s3le.motion.parquet.MOST_VALUES", 100)
+    refused(made.parquet_each(tmp_path), "holds more than 100 numbers", of="coman")
+    with pytest.raises(TrajectoryError, match="holds more than 100 numbers"):
+        files.read(tmp_path / "i.parquet")
 
 
 # --- folders

@@ -165,7 +165,8 @@ def find(table: Mapping[str, np.ndarray], keys: Sequence[str]) -> Found:
 def _numbers(name: str, key: str, values: np.ndarray) -> np.ndarray:
     if np.asarray(values).dtype.kind not in "fiu":
         raise TrajectoryError(f"{name}: '{key}' holds no numbers but {np.asarray(values).dtype}")
-    return np.asarray(values, float)
+    with np.errstate(invalid="ignore"):  # a signalling NaN is refused as any
+        return np.asarray(values, float)
 
 
 def _list(table: Mapping[str, np.ndarray]) -> str:

@@ -62,7 +62,7 @@ def fit(trajectory: Trajectory, robot: Geometry, degrees: bool = False) -> Fitte
     extra = [c for c in trajectory.joints if joint_of(c, known) is None]
     foreign = [c for c in extra if not (BASE.fullmatch(c) or c.lower() in FREE)]
     if missing:
-        near = get_close_matches(missing[0], foreign, n=1)
+        near = get_close_matches(missing[0], foreign[:1000], n=1)
         hint = f"; is it '{near[0]}'?" if near else f"; the file has: {_few(trajectory.joints)}"
         raise TrajectoryError(f"{name}: joint '{missing[0]}' of {robot.name} is missing" + hint)
     if foreign:

@@ -14,8 +14,9 @@ import pyarrow.parquet as pq
 
 from s3le import __version__
 from s3le.errors import TrajectoryError
+from s3le.motion import footer
 from s3le.motion.columns import NAMES, RATES, STEPS, interpret
-from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, unit
+from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, twice, unit
 
 FORMAT = "trajectory 1"
 MOST_VALUES = 500_000_000  # in one file; ten hours of ten joints at 1 kHz
@@ -62,15 +63,14 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
         TrajectoryError: no Parquet, damaged, more than MOST_VALUES, or what interpret refuses.
     """
     try:
+        check_size(path)
         with pq.ParquetFile(path) as file:
-            check_size(path, file.metadata)
             table = file.read(use_pandas_metadata=False)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = (str(error).splitlines() or ["damaged"])[0][:160]
         raise TrajectoryError(f"{path}: is no sound Parquet ({reason})") from None
-    if len(set(table.column_names)) < table.num_columns:
-        twice = next(n for n in table.column_names if table.column_names.count(n) > 1)
-        raise TrajectoryError(f"{path}: column '{twice}' occurs twice")
+    if (again := twice(table.column_names)) is not None:
+        raise TrajectoryError(f"{path}: column '{again}' occurs twice")
     if not table.num_rows:
         raise TrajectoryError(f"{path}: holds no rows")
     about = told(table.schema.metadata or {})
@@ -84,15 +84,17 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
     return interpret(str(path), columns, fps, joints, about)
 
 
-def check_size(path: Path, meta: pq.FileMetaData) -> None:
+def check_size(path: Path) -> None:
     """Refuse a file of more than MOST_VALUES before it is read.
 
     Raises:
-        TrajectoryError: it is one.
+        TrajectoryError: it is one, or its footer does not tell.
     """
-    groups = (meta.row_group(i) for i in range(meta.num_row_groups))
-    values = sum(g.column(j).num_values for g in groups for j in range(g.num_columns))
-    if max(values, meta.num_rows * meta.num_columns) > MOST_VALUES:
+    try:
+        values = footer.claimed(path)
+    except footer.Damaged as damage:
+        raise TrajectoryError(f"{path}: is no sound Parquet ({damage})") from None
+    if values > MOST_VALUES:
         raise TrajectoryError(f"{path}: holds more than {MOST_VALUES} numbers")
 
 

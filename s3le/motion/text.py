@@ -17,7 +17,7 @@ import numpy as np
 
 from s3le.errors import TrajectoryError
 from s3le.motion.columns import ANGLES, ROOT, interpret
-from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, unrolled
+from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, twice, unrolled
 
 if TYPE_CHECKING:
     from _csv import Reader  # what csv.reader returns; csv itself does not name it
@@ -85,9 +85,8 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
         joints = listed(about) if joints is None else joints
         rows = csv.reader(lines, delimiter=comma, strict=True)
         header = _placeholders(path, len(header), joints)
-    for name in header:
-        if header.count(name) > 1:
-            raise TrajectoryError(f"{path}: line 1: column {name!r} occurs twice")
+    if (again := twice(header)) is not None:
+        raise TrajectoryError(f"{path}: line 1: column {again!r} occurs twice")
     words = {i for i, name in enumerate(header) if name == MODE}
     columns = _columns(path, rows, header, words)
     table: dict[str, np.ndarray] = {

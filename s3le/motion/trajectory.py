@@ -1,7 +1,7 @@
 """A robot's motion in time: joint angles by name, and how each row came about."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -148,11 +148,21 @@ def times(rows: int, rate: float, name: str) -> np.ndarray:
     return np.arange(rows) / rate
 
 
+def twice(names: Iterable[str]) -> str | None:
+    """The first name that occurs a second time."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            return name
+        seen.add(name)
+    return None
+
+
 def _check_names(name: str, joints: tuple[str, ...]) -> None:
     for joint in joints:
         if not joint.strip() or len(joint) > LONGEST_NAME or not joint.isprintable():
             raise TrajectoryError(f"{name}: {joint[:40]!r} is no name of a joint")
         if joint in RESERVED:
             raise TrajectoryError(f"{name}: '{joint}' is no joint but a column of its own")
-        if joints.count(joint) > 1:
-            raise TrajectoryError(f"{name}: joint '{joint}' occurs twice")
+    if (again := twice(joints)) is not None:
+        raise TrajectoryError(f"{name}: joint '{again}' occurs twice")

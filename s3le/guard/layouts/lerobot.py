@@ -23,7 +23,7 @@ from s3le.guard.layouts import lerobot_stats, matched, parquet
 from s3le.guard.layouts.episode import Episode
 from s3le.motion.columns import placed
 from s3le.motion.parquet import numbers
-from s3le.motion.trajectory import times
+from s3le.motion.trajectory import times, twice
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 
@@ -152,7 +152,7 @@ def open_lerobot(
     rows: list[Rows] = []
     for file in files:
         wanted = [feature.key, _EPISODE, _FRAME, _TIME]
-        table, _ = parquet.load(path / file, wanted)
+        table = parquet.some(path / file, wanted)
         if missing := [key for key in wanted if key not in table.column_names]:
             raise TrajectoryError(f"{path / file}: has no column '{missing[0]}'")
         values = numbers(path / file, feature.key, table[feature.key])
@@ -224,9 +224,8 @@ def _feature(
     elif not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         names = None
     names, skip = placed(str(where), f"'{key}'", shape[0], names)
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise TrajectoryError(f"{where}: two columns of '{key}' are called '{twice}'")
+    if (again := twice(names)) is not None:
+        raise TrajectoryError(f"{where}: two columns of '{key}' are called '{again}'")
     return Feature(key, names, skip, matched.match(str(where), names, robot))
 
 

@@ -20,6 +20,7 @@ from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, make
 from s3le.robot.model import Geometry
 
 ABOUT = "about"
+MOST_NEAR = 1000  # columns among which a misspelt one is looked for
 # Names of columns and arrays that are not joints and need no note.
 KNOWN = {*TIMES, *RATES, *STEPS, *NUMBERING, *NAMES, HEADING, CLEARANCE, MODE, ABOUT}
 
@@ -54,7 +55,7 @@ def match(name: str, columns: Sequence[str], robot: Geometry) -> Matched:
     strangers = [column for column, joint in zip(columns, found, strict=True) if joint is None]
     for joint in robot.joint_names:
         if joint not in at:
-            near = get_close_matches(joint, strangers, n=1)
+            near = get_close_matches(joint, strangers[:MOST_NEAR], n=1)
             hint = f"is it '{near[0]}'?" if near else f"the file has: {few(columns)}"
             raise TrajectoryError(f"{name}: joint '{joint}' of {robot.name} is missing; {hint}")
     return Matched(sorted(at.values()), [at[joint] for joint in robot.joint_names], strangers)
@@ -96,7 +97,7 @@ def episode(
                 f"{name}: '{column}' holds {values.dtype}, into which no angle can be written "
                 "back; save it as float64"
             )
-    q = np.stack([np.asarray(values, float) for values in columns.values()], axis=1)
+    q = np.stack([decode(values, False) for values in columns.values()], axis=1)
     read = make(name, list(columns), time, q, None, mode, about, first, row_is)
     trajectory, told = fit(read, robot, degrees)
     matched = match(name, list(columns), robot)

@@ -40,14 +40,7 @@ class Numbers:
         for row, joint in np.argwhere(~np.isfinite(q))[:1]:
             raise TrajectoryError(f"{name}: row {row}: angle {joint} is {q[row, joint]}")
         with np.errstate(over="ignore"):
-            made = [self._encode(i, q[:, i]) for i in range(q.shape[1])]
-        for joint, column in enumerate(made):
-            for row in np.flatnonzero(~np.isfinite(column))[:1]:
-                raise TrajectoryError(
-                    f"{name}: row {row}: angle {joint}, {q[row, joint]:.6g} rad, is larger than "
-                    f"{column.dtype} holds"
-                )
-        return made
+            return [self._encode(name, i, q[:, i]) for i in range(q.shape[1])]
 
     def as_written(self, name: str, q: np.ndarray) -> np.ndarray:
         """The angles that the numbers of `encode` stand for [rad], (m, n)."""
@@ -61,7 +54,7 @@ class Numbers:
         same = [new == old for new, old in zip(columns, self.raw, strict=True)]
         return ~np.all(same, axis=0)
 
-    def _encode(self, joint: int, q: np.ndarray) -> np.ndarray:
+    def _encode(self, name: str, joint: int, q: np.ndarray) -> np.ndarray:
         out = np.array(self.raw[joint])
         rows = np.flatnonzero(q != self.q[:, joint])
         if not len(rows):
@@ -69,6 +62,10 @@ class Numbers:
         wanted, degrees = q[rows], self.degrees[joint]
         kind = out.dtype
         base = (np.rad2deg(wanted) if degrees else wanted).astype(kind)
+        for row in rows[~np.isfinite(base)][:1]:
+            raise TrajectoryError(
+                f"{name}: row {row}: angle {joint}, {q[row]:.6g} rad, is larger than {kind} holds"
+            )
         choices = np.stack([_step(base, k) for k in NEAR])  # (5, rows)
         angles = decode(choices, degrees)
         wrong = np.abs(angles - wanted)
@@ -83,7 +80,8 @@ class Numbers:
 
 def decode(raw: np.ndarray, degrees: bool) -> np.ndarray:
     """The angles that numbers of a file stand for [rad], as s3le.motion.fit reads them."""
-    q = np.asarray(raw, float)
+    with np.errstate(invalid="ignore"):  # a signalling NaN is refused as any
+        q = np.asarray(raw, float)
     return np.deg2rad(q) if degrees else q
 
 

@@ -13,7 +13,7 @@ from s3le.guard.layouts import arrays, claims, matched
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import parquet
 from s3le.motion.columns import ANGLES, NAMES, RATES, STEPS, clock
-from s3le.motion.trajectory import CLEARANCE, MODE
+from s3le.motion.trajectory import CLEARANCE, MODE, twice
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 
@@ -67,24 +67,38 @@ def is_other(path: Path) -> bool:
     return form != parquet.FORMAT.encode() or b"s3le.table" in metadata
 
 
-def load(path: Path, columns: Sequence[str] | None = None) -> tuple[pa.Table, Storage]:
-    """A file's table, all of it or some columns, and how it is stored.
+def load(path: Path) -> tuple[pa.Table, Storage]:
+    """A file's table, and how it is stored.
 
     Raises:
         TrajectoryError: no Parquet, damaged, or too large.
     """
+    table, how = _read(path, None)
+    assert how is not None
+    return table, how
+
+
+def some(path: Path, columns: Sequence[str]) -> pa.Table:
+    """Some columns of a file, those of them that it has.
+
+    Raises:
+        TrajectoryError: as load.
+    """
+    return _read(path, columns)[0]
+
+
+def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, Storage | None]:
     try:
+        parquet.check_size(path)
         with pq.ParquetFile(path) as file:
-            parquet.check_size(path, file.metadata)
-            how = Storage(file.metadata)
             table = file.read(columns=columns, use_pandas_metadata=False)
+            # Asked once all was read: pyarrow ends the process over some damaged footers.
+            how = Storage(file.metadata) if columns is None else None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = (str(error).splitlines() or ["damaged"])[0][:160]
         raise TrajectoryError(f"{path}: is no sound Parquet ({reason})") from None
-    names = table.column_names
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise TrajectoryError(f"{path}: column '{twice}' occurs twice")
+    if (again := twice(table.column_names)) is not None:
+        raise TrajectoryError(f"{path}: column '{again}' occurs twice")
     if not table.num_rows:
         raise TrajectoryError(f"{path}: holds no rows")
     return table, how
@@ -124,8 +138,8 @@ def open_parquet(
     name = str(path)
     lists = [n for n in table.column_names if n.lower() in ANGLES and _listed(table[n].type)]
     timed = matched.timed(table.column_names)
-    some = [*lists, *([timed] if timed else [])]
-    here = {key: parquet.numbers(path, key, table[key]) for key in some}
+    told = [*lists, *([timed] if timed else [])]
+    here = {key: parquet.numbers(path, key, table[key]) for key in told}
     for key in (*RATES, *STEPS):
         if isinstance(about.get(key), int | float) and key not in here:
             here[key] = np.array(about[key], float)

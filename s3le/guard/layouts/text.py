@@ -16,7 +16,7 @@ from s3le.guard.layouts import arrays, claims, matched
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import text
 from s3le.motion.columns import ANGLES, clock
-from s3le.motion.trajectory import CLEARANCE, MODE, runs
+from s3le.motion.trajectory import CLEARANCE, MODE, runs, twice
 from s3le.robot.model import Geometry
 from s3le.store import documents
 from s3le.store.atomic import replace
@@ -180,9 +180,8 @@ def _with_names(
     path: Path, table: _Table, robot: Geometry, fps: float | None, degrees: bool
 ) -> TextLayout:
     header = table.header
-    for name in header:
-        if header.count(name) > 1:
-            raise TrajectoryError(f"{path}: line 1: column {name!r} occurs twice")
+    if (again := twice(header)) is not None:
+        raise TrajectoryError(f"{path}: line 1: column {again!r} occurs twice")
     some = matched.match(str(path), header, robot)
     timed = matched.timed(header)
     wanted = {at: header[at] for at in some.joints}
