@@ -363,4 +363,4 @@ def test_rows_that_planning_hardly_moves_stay_to_the_bit_if_the_audit_agrees(gua
 
     monkeypatch.setattr(guard, "check", strict)
     made = guard.clean(held(q), degrees=False)
-    assert made.summary["moved"]["touched"] == 240
+    assert made.summary["moved"]["touched"] == 240 and made.summary["reserve_rad"] == 0.0

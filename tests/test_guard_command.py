@@ -275,6 +275,20 @@ def test_a_folder_keeps_its_tree_and_gets_a_table_and_a_line(tree, tmp_path):
     assert len(told(tmp_path / "twice")) == 3  # the table is no motion
 
 
+def test_links_keep_the_names_that_they_have(tree, tmp_path):
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links" / "far.csv").symlink_to(tree / "a" / "one.csv")
+    (tmp_path / "near.csv").symlink_to(tree / "b" / "one.csv")
+    given = [tmp_path / "links", tmp_path / "near.csv"]
+    said = run("guard", *given, *ONE, "--out", tmp_path / "out")
+    assert said.exit_code == shell.OK, said.output
+    assert told(tmp_path / "out")["file"].to_list() == ["far.csv", "near.csv"]
+    said = run("guard", tmp_path / "links", *ONE, "--out", tree / "a")
+    assert said.exit_code == shell.OK  # far.csv there is another file than one.csv
+    said = run("guard", tmp_path / "near.csv", *ONE, "--out", tmp_path)
+    assert said.exit_code == shell.UNREADABLE and "would be replaced" in said.output
+
+
 def test_no_result_replaces_an_input_or_another_result(tree, tmp_path):
     put(tmp_path / "in2" / "one.csv", swaying())
     before = snapshot(tmp_path)
@@ -329,12 +343,17 @@ def test_a_result_of_other_numbers_does_not_stand_in_for_one_that_is_refused(
     assert {p.name for p in out.iterdir()} == {".guard.lock", "guard.parquet"}
 
 
-def test_what_somebody_else_put_there_is_not_taken_away(bad, tmp_path, monkeypatch):
+@pytest.mark.parametrize("earlier", [False, True])
+def test_what_somebody_else_put_there_is_not_taken_away(bad, tmp_path, monkeypatch, earlier):
+    out = tmp_path / "out"
+    if earlier:
+        assert run("guard", bad, *ONE, "--out", out).exit_code == shell.OK
+    out.mkdir(exist_ok=True)
+    (out / "bad.csv").write_text("mine")
     lying(monkeypatch, stays)
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "bad.csv").write_text("mine")
-    assert run("guard", bad, *ONE, "--out", tmp_path / "out").exit_code == shell.BROKEN
-    assert (tmp_path / "out" / "bad.csv").read_text() == "mine"
+    said = run("guard", bad, *ONE, "--out", out, "--acceleration", 50)
+    assert said.exit_code == shell.BROKEN
+    assert (out / "bad.csv").read_text() == "mine"
 
 
 def alone(*words):

@@ -79,7 +79,7 @@ def process(
             continue
         todo.append(piece)
         hashes.append(held)
-    task = cleaning(tuple(str(piece.source.resolve()) for piece in todo), tuple(hashes))
+    task = cleaning(tuple(str(piece.source.absolute()) for piece in todo), tuple(hashes))
     for number, found in _found(task, len(todo), where, own, bar):
         piece = todo[number]
         if isinstance(found, Cleaned) and not check:

@@ -52,13 +52,15 @@ def pieces(given: Sequence[Path], out: Path | None) -> list[Piece]:
     for path in given:
         found = find(path)
         base = path.resolve()
-        inside = base.is_dir() and [item.resolve() for item in found] != [base]
+        inside = base.is_dir() and found != [path]
         if out is not None and base.is_dir() and out.resolve().is_relative_to(base):
             raise ParameterError(
                 f"{out} lies in {path}, whose motions are read; give another folder as --out"
             )
         for source in found:
-            name = source.resolve().relative_to(base).as_posix() if inside else base.name
+            # By the names that people gave, not by what links point to.
+            own = path.name if path.name not in ("", "..") else base.name
+            name = source.relative_to(path).as_posix() if inside else own
             if inside and Path(name).name == TABLE:
                 continue  # of an earlier guard's results
             target = (_NOWHERE if out is None else out) / name
