@@ -31,6 +31,7 @@ _RESTS = 1e-9  # [rad], by which a joint may come to rest beyond its limit: of f
 _LONG = 10_000  # most rows of a braking motion
 _FAR = 0.15  # [rad] from what is wanted, from which on a robot that is blocked is to go around
 _STILL = 0.3  # [rad/s], and it is blocked if no joint is faster
+_OFTEN = 100  # [ms], so often at most a way around is looked for
 _NEARER = 3e-6  # [m], more than what a measured clearance and the kernels' differ by and ask for
 LONGEST = 1.0  # [s], a robot that was left alone for longer moves as if it had been this
 HOW = {
@@ -238,23 +239,24 @@ class Walker:
                 near, self._careful(), wanted, self._seen(wanted), self._bone, self._W, starts,
                 self.robot.anchor, to, out,
             )  # fmt: skip
-        if how == causal.HELD and self._v.any():
+        mean, moving = 0.5 * (before + dt), bool(self._v.any())
+        if moving if how == causal.HELD else not self._holds(to, mean, dt):
+            # Nothing is proven, or the engines disagree: what was proven before is driven.
             how = self._brake(before, dt, to, out)
-        if how != causal.HELD and not self._measured(to):
-            # The two engines disagree: then it is no, and what was proven before is driven.
-            how = self._brake(before, dt, to, out)
-            if how != causal.HELD and not self._measured(to):
+            if how != causal.HELD and not self._holds(to, mean, dt):
                 how = self._stand(to, out)
         if wanted is not None:
             self._note(wanted, dt)
-        certified = how != causal.HELD and ends.allowed(
-            self._q, self._v, to, 0.5 * (before + dt), dt, self._bounds
-        )  # fmt: skip
-        certified = certified or (how == causal.HELD and not self._v.any())
+        certified = how != causal.HELD or not moving
         self._v[:] = (to - self._q) / dt
         self._q[:] = to
         self._before = dt
         return Step(self.q, HOW[how], self._clearance, float(out[0]), certified)
+
+    def _holds(self, to: np.ndarray, mean: float, dt: float) -> bool:
+        """Is the step within limits, speed and acceleration, and its pose good?"""
+        within = ends.allowed(self._q, self._v, to, mean, dt, self._bounds)
+        return bool(within) and self._measured(to)
 
     def _measured(self, to: np.ndarray) -> bool:
         """Does a pose hold by the independent check, if it is asked? Notes its clearance."""
@@ -316,7 +318,8 @@ class Walker:
         """The bounds in which a joint may go on so that it can brake whatever steps come."""
         lower, upper = np.empty_like(self._q), np.empty_like(self._q)
         ends.within_reach(self._q, dt, self._bounds, lower, upper)
-        speed = np.minimum(self._bounds.speed, _ROWS * dt * self._bounds.acceleration)
+        slow = np.maximum(_ROWS * dt * self._bounds.acceleration, np.abs(self._v))
+        speed = np.minimum(self._bounds.speed, slow)
         return self._bounds._replace(lower=lower, upper=upper, speed=speed)
 
     def _as_wanted(
@@ -356,7 +359,12 @@ class Walker:
             self._careful(), wanted, self._rate_of(wanted, dt), self._bone, self._W, to, out,
         )  # fmt: skip
         far, moved = np.abs(to - wanted).max(initial=0.0), np.abs(to - self._q).max(initial=0.0)
-        return -1 if far > _FAR and moved < _STILL * dt else how
+        flag = self._memory.flag
+        flag[pursue.WAIT] = max(flag[pursue.WAIT] - int(np.ceil(1e3 * dt)), 0)
+        if not (far > _FAR and moved < _STILL * dt) or flag[pursue.WAIT] > 0:
+            return how
+        flag[pursue.WAIT] = _OFTEN
+        return -1
 
     def _rate_of(self, wanted: np.ndarray, dt: float) -> np.ndarray:
         """How fast what is wanted moves [rad/s], (n,): the slower of its last two steps.
