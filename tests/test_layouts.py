@@ -19,7 +19,9 @@ from s3le.errors import TrajectoryError
 from s3le.guard.layouts.door import find, open_layout
 from s3le.guard.layouts.episode import GUARDED
 from s3le.guard.layouts.numbers import Numbers, decode
-from s3le.motion import files, footer, trajectory
+from s3le.motion import files, footer, trajectory, whole
+from s3le.motion import layouts as tools
+from s3le.motion import root as base
 
 H5PY = pytest.mark.skipif(find_spec("h5py") is None, reason="no h5py")
 ALL = [pytest.param(name, marks=H5PY) if name == "hdf5" else name for name in KINDS]
@@ -208,6 +210,29 @@ def test_an_old_certificate_goes_and_a_new_one_comes(tmp_path, suffix):
     assert np.isnan(again.clearance[MOVED]).all() and (again.clearance[rest] == 0.003).all()
     assert (again.mode[MOVED] == GUARDED).all() and GUARDED not in again.mode[rest]
     assert np.array_equal(again.heading, np.sin(TIME))
+
+
+@pytest.mark.parametrize("tool", ["gmr", "mjlab"])
+def test_what_was_written_for_a_tool_keeps_names_rate_and_modes(tmp_path, tool):
+    its = robot("coman")
+    everything = whole.joints(its)
+    one = trajectory.make(
+        "a", its.joint_names, TIME, motion("coman"), mode=np.array(["free", "between"] * 20),
+        about={"certificate": {"holds": True}, "clip": "walk"},
+    )  # fmt: skip
+    one = whole.numbered(whole.complete(one, its, everything), everything)
+    path = tmp_path / f"a{tools.SUFFIX[tool]}"
+    tools.write(one, base.find(its), FPS, tool, path)
+    layout = open_layout(path, its)
+    assert np.array_equal(layout.episodes[0].q, motion("coman"))
+    assert np.allclose(layout.episodes[0].time, TIME, atol=1e-12)
+    layout.write(beside(path), [moved(layout.episodes[0])], {"certificate": {"by": 2}})
+    again, old = files.read(beside(path)), files.read(path)
+    assert again.joints == old.joints and np.array_equal(again.time, old.time)
+    assert again.about["certificate"] == {"by": 2} and again.about["layout"] == old.about["layout"]
+    rows = np.flatnonzero(again.mode != old.mode)
+    assert rows.tolist() == list(MOVED) and (again.mode[rows] == GUARDED).all()
+    assert np.array_equal(open_layout(beside(path), its).episodes[0].q, moved(layout.episodes[0]))
 
 
 def test_a_csv_whose_side_file_is_about_another_claims_nothing(tmp_path):
