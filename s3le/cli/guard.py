@@ -251,7 +251,8 @@ def _sum(records: "list[Record]", check: bool) -> str:
 
     read = [record.summary for record in records if record.summary]
     frames = sum(said["frames"] for said in read)
-    words = [f"{len(records)} files, {frames} frames"]
+    files = "1 file" if len(records) == 1 else f"{len(records)} files"
+    words = [f"{files}, {frames} frames"]
     if check:
         words.append(f"{sum(not record.good for record in records)} broken or unreadable")
         return ", ".join(words)

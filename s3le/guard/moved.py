@@ -59,6 +59,8 @@ def pooled(tallies: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     bins = np.array(sorted(counts), int)
     values = np.repeat(STEP**bins, [counts[bin] for bin in bins.tolist()])
     whole = {key: sum(one[key] for one in tallies) for key in ("frames", "touched", "moved")}
+    if len(tallies) == 1:
+        return whole | {key: tallies[0][key] for key in ("median_deg", "p95_deg", "most_deg")}
     most = max((one["most_deg"] for one in tallies), default=0.0)
     return whole | _quantiles(values) | {"most_deg": most}
 
