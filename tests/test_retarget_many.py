@@ -19,7 +19,7 @@ from handmade import amc, asf, bvh, write
 from test_cli import run
 from worlds import coman
 
-from s3le.cli import shell
+from s3le.cli import shell, shown
 from s3le.errors import BundleError, CertificateError, EngineError, TableError
 from s3le.human.origin import about_clip
 from s3le.human.read import digest, fingerprint
@@ -163,6 +163,12 @@ def test_the_table_beside_motions_is_no_motion(clips, tmp_path, plain, command):
     assert said.exit_code == shell.OK, said.output
     assert "retarget.parquet: note: is no motion but the table" in said.stderr
     assert run(command, given[-1], *ROBOT, *more).exit_code == shell.UNREADABLE
+    loaded = shown.load(given, "none", "coman", None, None, False)
+    assert [motion.path.name for motion in loaded.motions] == [
+        "0.parquet",
+        "1.parquet",
+        "2.parquet",
+    ]
 
 
 # --- resume

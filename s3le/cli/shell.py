@@ -61,7 +61,7 @@ def say(words: str, err: bool = False) -> None:
         typer.echo(words, err=err)
 
 
-def motions(files: "list[Path]") -> "list[Path]":
+def motions(files: list[Path]) -> list[Path]:
     """The files without the tables of results that lie beside them, as `out/*.parquet` meets them.
 
     Where nothing else is given they stay, for whoever opens them says what they are not.
