@@ -143,15 +143,14 @@ class Guard:
         reserve, grain, why = 0.0, 0.0, ""
         for turn in range(TRIES + 1):
             try:
-                plan = self._plan(time, wanted, reserve, step)
+                planner = self._planned(reserve, step)
+                plan = planner.plan(time, wanted, progress=None if turn else progress)
                 written = episode.as_written(plan.q)
             except S3leError as refusal:
                 tail = (
                     f" (with a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
                 )
                 raise CertificateError(f"{name}: {refusal}{tail}") from None
-            if progress and not turn:
-                progress(m)
             # Rows that planning hardly moved stay as they are, to the bit, if all holds so too.
             still = (np.abs(written - wanted) < SAME).all(axis=1)
             put_back = np.where(still[:, None], wanted, written)
@@ -184,9 +183,6 @@ class Guard:
         if planning:
             self._planned(0.0, 1.0).warm_up()
         audit.audit(self.robot, np.arange(3.0), np.tile(self.robot.anchor, (3, 1)), self.demands)
-
-    def _plan(self, time: np.ndarray, wanted: np.ndarray, reserve: float, step: float):
-        return self._planned(reserve, step).plan(time, wanted)
 
     def _planned(self, reserve: float, step: float) -> Planner:
         if reserve:
