@@ -1,6 +1,6 @@
 """A ROS 2 JointTrajectory in, the nearest certified one out.
 
-    pip install s3le rosbags
+    pip install "s3le[ros]"
     python examples/ros2_trajectory.py --robot g1
 
 `guarded` takes and gives trajectory_msgs/msg/JointTrajectory and reads nothing but its fields, so
