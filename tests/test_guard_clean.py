@@ -95,7 +95,7 @@ def test_what_came_out_comes_back_to_the_bit(guard, kind, degrees):
 
 
 def test_a_motion_that_holds_is_not_even_planned(guard, monkeypatch):
-    monkeypatch.setattr(clean.Planner, "plan", lambda *_: pytest.fail("planned"))
+    monkeypatch.setattr(clean.Planner, "plan", lambda *_, **__: pytest.fail("planned"))
     made = guard.clean(held(swaying()), degrees=False)
     assert made.q == [None] and made.summary["rows"]["as_wanted"] == 60
 
@@ -116,7 +116,7 @@ def lying(monkeypatch, change):
     """A planner that claims more than is so."""
     honest = clean.Planner.plan
 
-    def plan(self, times, wanted):
+    def plan(self, times, wanted, progress=None):
         made = honest(self, times, wanted)
         return made._replace(q=change(times, wanted, made.q.copy()))
 
@@ -171,7 +171,7 @@ def test_what_the_audit_cannot_decide_is_no(monkeypatch):
     given = held(q, rate=0.5)
     assert guard.check(given.episodes[0], q).checks[-1].undecided == 1
     monkeypatch.setattr(
-        clean.Planner, "plan", lambda self, t, w: clean_plan(w)
+        clean.Planner, "plan", lambda self, t, w, progress=None: clean_plan(w)
     )  # stays as it is, which is proven with a budget
     with pytest.raises(CertificateError, match="not decided"):
         guard.clean(given, degrees=False)
