@@ -378,6 +378,7 @@ def test_bodies_in_the_way_are_named():
     d = batch.pair_distances(guard.robot.chain, guard.q[None])[0]
     assert sorted([a, b]) == sorted(guard.robot.pair_name(int(d.argmin())).split(" and "))
     assert any(reason.startswith("moved away from ") for reason in reasons)
+    assert not any(guard.step(wanted, 0.02).v.any() for _ in range(50))  # it stands, unshaken
 
 
 # --- what is refused

@@ -224,20 +224,18 @@ class Walker:
             return Step(self.q, "held", self._clearance, self._clearance, True)
         before = dt if np.isnan(self._before) else self._before
         to, out = np.empty(n), np.zeros(2)
-        chain, near = self.robot.chain, self._ends(dt)
+        near = self._ends(dt)
         self._even = self._even and abs(dt - before) <= EVEN * before
         if wanted is None:
             how = self._brake(before, dt, to, out)
         elif self._as_wanted(wanted, before, dt, self._bounds if self._even else near, to, out):
             how = causal.WANTED
-        elif not self._skeleton and (how := self._direct(wanted, before, dt, near, to, out)) >= 0:
-            pass
+        elif self._skeleton or self._memory.flag[pursue.LEFT]:
+            how = self._pursue(wanted, before, dt, near, starts, to, out)
         else:
-            how = pursue.pursue(
-                chain, self._swept, self._scratch, self._memory, self._q, self._v, before, dt,
-                near, self._careful(), wanted, self._seen(wanted), self._bone, self._W, starts,
-                self.robot.anchor, self._rule, to, out,
-            )  # fmt: skip
+            how = self._direct(wanted, before, dt, near, to, out)
+            if self._blocked(wanted, to, dt):  # does not move it, but may find a way around
+                self._pursue(wanted, before, dt, near, starts, np.empty(n), np.zeros(2))
         mean, moving = 0.5 * (before + dt), bool(self._v.any())
         if moving if how == causal.HELD else not self._holds(to, mean, dt):
             # Nothing is proven, or the engines disagree: what was proven before is driven.
@@ -341,6 +339,22 @@ class Walker:
         self._memory.flag[pursue.MODE] = self._memory.flag[pursue.LEFT] = 0
         return True
 
+    def _pursue(
+        self,
+        wanted: np.ndarray,
+        before: float,
+        dt: float,
+        near: Bounds,
+        starts: np.ndarray,
+        to: np.ndarray,
+        out: np.ndarray,
+    ) -> int:
+        return pursue.pursue(
+            self.robot.chain, self._swept, self._scratch, self._memory, self._q, self._v, before,
+            dt, near, self._careful(), wanted, self._seen(wanted), self._bone, self._W, starts,
+            self.robot.anchor, self._rule, to, out,
+        )  # fmt: skip
+
     def _direct(
         self,
         wanted: np.ndarray,
@@ -350,20 +364,20 @@ class Walker:
         to: np.ndarray,
         out: np.ndarray,
     ) -> int:
-        """A step for joints alone; -1: bodies block it, or it goes by other poses already."""
-        if self._memory.flag[pursue.LEFT]:
-            return -1
-        how = direct.direct(
+        return direct.direct(
             self.robot.chain, self._swept, self._scratch, self._q, self._v, before, dt, near,
             self._careful(), wanted, self._rate_of(wanted, dt), self._bone, self._W, to, out,
         )  # fmt: skip
+
+    def _blocked(self, wanted: np.ndarray, to: np.ndarray, dt: float) -> bool:
+        """Is the robot to look for a way around, as it does not get to where it is wanted?"""
         far, moved = np.abs(to - wanted).max(initial=0.0), np.abs(to - self._q).max(initial=0.0)
         flag = self._memory.flag
         flag[pursue.WAIT] = max(flag[pursue.WAIT] - int(np.ceil(1e3 * dt)), 0)
         if not (far > _FAR and moved < _STILL * dt) or flag[pursue.WAIT] > 0:
-            return how
+            return False
         flag[pursue.WAIT] = _OFTEN
-        return -1
+        return True
 
     def _rate_of(self, wanted: np.ndarray, dt: float) -> np.ndarray:
         """How fast what is wanted moves [rad/s], (n,): the slower of its last two steps.
