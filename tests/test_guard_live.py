@@ -75,15 +75,15 @@ def test_what_a_stream_of_joints_says_holds():
 
 
 def test_null_brakes_and_a_stop_is_latched():
-    stream = begun()
-    for _ in range(5):
-        sent(stream, {"q": away().tolist()})
+    stream, far = begun(), {"q": away(1.2).tolist()}
+    for _ in range(4):
+        sent(stream, far)
     assert sent(stream, {"q": None})["reason"] == "braked"
-    assert sent(stream, {"q": away().tolist()})["reason"].startswith("slowed by")
-    said = [sent(stream, {"q": away().tolist(), "stop": True})["reason"] for _ in range(30)]
+    assert sent(stream, far)["reason"].startswith("slowed by")
+    said = [sent(stream, far | {"stop": True})["reason"] for _ in range(30)]
     assert said[0] == "braked" and said[-1] == "stopped"
-    assert sent(stream, {"q": away().tolist()})["reason"] == "stopped"
-    assert sent(stream, {"q": away().tolist(), "stop": False})["reason"].startswith("slowed by")
+    assert sent(stream, far)["reason"] == "stopped"
+    assert sent(stream, far | {"stop": False})["reason"].startswith("slowed by")
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,11 @@ from s3le.guard import out
 from s3le.guard.leaving import Leaving
 from s3le.guard.reasons import BRAKED, LEADING_OUT, STOPPED, Reasons
 from s3le.guard.wanted import Reader, duration
-from s3le.plan import limits, steps
+from s3le.plan import limits
 from s3le.plan.limits import SHORTEST
 from s3le.plan.settings import Settings
-from s3le.plan.steps import LONGEST, Walker
+from s3le.plan.state import LONGEST, State
+from s3le.plan.steps import Walker
 from s3le.robot.known import MARGIN
 from s3le.robot.robot import Robot
 
@@ -56,7 +57,7 @@ class Chunk(NamedTuple):
 class _Kept(NamedTuple):
     """All that changes from row to row."""
 
-    walker: steps.State
+    walker: State
     leaving: tuple[np.ndarray, int, float, float] | None  # way, leg, share, rate
     q: np.ndarray
     v: np.ndarray
@@ -183,7 +184,7 @@ class Guard:
     def _led(self, way: np.ndarray) -> Leaving:
         return Leaving(way, self.most.speed, self.most.acceleration)
 
-    def _stand(self, q: np.ndarray, fresh: steps.State, leaving: Leaving | None) -> None:
+    def _stand(self, q: np.ndarray, fresh: State, leaving: Leaving | None) -> None:
         self._walker.put(fresh)
         self._leaving, self._stopped, self._led_out = leaving, False, 0
         self._q, self._v, self._came, self._before = q, np.zeros_like(q), q, np.nan
@@ -383,7 +384,7 @@ class Guard:
         way, leg = number["out"], int(number["leg"])
         share, rate, led_out = (float(number[name]) for name in ("share", "rate", "led_out"))
         if len(way) == 0:
-            walker = steps.State(
+            walker = State(
                 q, v, before, np.nan, bool(number["even"]), number["asked"], number["pace"],
                 number["flag"], number["around"],
             )  # fmt: skip

@@ -3,9 +3,9 @@
 Each joint chases the place where the motion that is wanted would come to rest if it braked now: so
 it ends up on that motion, at its speed, and does not swing about it. If bodies are farther away
 than is aimed at, at the end of the step and where the robot would come to rest, that is the step.
-Else the step is looked for after which the robot would come to rest nearest to that place, with
-pairs kept apart there and at the end of the step. Whatever it is has to be proven; what cannot be
-is left to causal.advance.
+Else pairs are kept apart at both: a robot that moves makes the step nearest to that one; one that
+hardly does, the step after which it would come to rest nearest to where it is wanted. Whatever it
+is has to be proven; what cannot be is left to causal.advance.
 """
 
 import numpy as np
@@ -14,10 +14,11 @@ from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import near_pairs, place_capsules
 from s3le.kernels.kinematics import place
 from s3le.kernels.qp import SOLVED, inverse_factor, solve
-from s3le.plan.causal import _EPS, BRAKED, LIMITED, advance, brake, safe
+from s3le.plan.causal import _EPS, BRAKED, LIMITED, Care, advance, brake, safe, search
 from s3le.plan.chase import fastest, speeds, stopping
 from s3le.plan.why import closest
 
+_SLOW = 0.5  # [rad/s], a robot whose joints are no faster hardly moves
 _HALVES = 4  # times that a step that does not lead nearer is halved
 _NEARER = 1e-9  # [rad^2], by how much it has to
 _FINE = 0.03  # [rad/s], a round of the search that changes no joint's speed by more is the last
@@ -143,7 +144,9 @@ def direct(chain, swept, s, q, v, before, dt, bounds, care, want, rate, bone, W,
     rest = np.empty(n)
     c = np.empty(n)
     end = np.empty(n)
+    slow = True
     for i in range(n):
+        slow = slow and abs(v[i]) <= max(1.01 * bounds.acceleration[i] * dt, _SLOW)
         a, most = bounds.acceleration[i] * (1.0 - _EPS), bounds.speed[i] * (1.0 - _EPS)
         least, greatest, _ = speeds(
             q[i], v[i], mean, dt, bounds.lower[i], bounds.upper[i], most, a
@@ -160,10 +163,19 @@ def direct(chain, swept, s, q, v, before, dt, bounds, care, want, rate, bone, W,
         rest[i] = min(max(c[i] + (on if w > 0.0 else -on), bounds.lower[i]), bounds.upper[i])
     out[1] = 0.0
     to[:] = c
-    if not (
+    if (
         closest(chain, swept.balls, c)[0] >= care.target
         and closest(chain, swept.balls, rest)[0] >= care.target
     ):
+        slow = False
+    elif not slow:
+        plain = Care(
+            care.target, care.margin, care.between, care.band, care.steps, care.budget, 0.0
+        )  # fmt: skip
+        search(
+            chain, swept.balls, q, v, low, high, dt, bounds, plain, c, np.empty(0), bone, W, to
+        )  # fmt: skip
+    if slow:
         press(chain, swept.balls, q, low, high, dt, bounds, care, end, W, to)
         # Around bodies the way bends more than the search knows, and a robot that is pressed
         # against one would swing: only a step that leads nearer is made, else half of it.

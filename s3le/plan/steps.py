@@ -19,6 +19,7 @@ from s3le.plan import causal, direct, ends, limits, pursue, weights
 from s3le.plan.causal import Bounds
 from s3le.plan.limits import SHORTEST, Limits
 from s3le.plan.settings import Settings, bounds
+from s3le.plan.state import LONGEST, State, checked, pose
 from s3le.robot.robot import Robot
 from s3le.safety import segment
 from s3le.safety.swept import swept
@@ -33,7 +34,6 @@ _FAR = 0.15  # [rad] from what is wanted, from which on a robot that is blocked 
 _STILL = 0.3  # [rad/s], and it is blocked if no joint is faster
 _OFTEN = 100  # [ms], so often at most a way around is looked for
 _NEARER = 3e-6  # [m], more than what a measured clearance and the kernels' differ by and ask for
-LONGEST = 1.0  # [s], a robot that was left alone for longer moves as if it had been this
 HOW = {
     causal.WANTED: "wanted",
     causal.LIMITED: "limited",
@@ -42,20 +42,6 @@ HOW = {
     causal.HELD: "held",
     pursue.AROUND: "around",
 }
-
-
-class State(NamedTuple):
-    """All that a walker knows beside its settings; plain numbers and arrays."""
-
-    q: np.ndarray  # [rad], (n,), where the robot is
-    v: np.ndarray  # [rad/s], (n,), the speed of its last step
-    before: float  # [s], its duration; NaN: there was none
-    clearance: float  # [m], of the pose
-    even: bool  # all steps so far were of one length
-    asked: np.ndarray  # [rad], (n,), what was wanted last; NaN: nothing was
-    pace: np.ndarray  # [rad/s], (n,), how fast that had come; NaN: not known
-    flag: np.ndarray  # int64 (4,) and
-    way: np.ndarray  # [rad], (2, n), see pursue.Memory
 
 
 class Step(NamedTuple):
@@ -116,7 +102,7 @@ class Walker:
         self._bone, self._skeleton = bone, skeleton
         self._memory = pursue.memory(joints)
         self._none, self._nothing = np.zeros((0, n)), np.empty(0)
-        self._q = _pose(q, n, "the pose of the robot")
+        self._q = pose(q, n, "the pose of the robot")
         report = self._certifier.require(self._q[None], robot.margin)
         self._clearance = float(report.clearance[0])
         self._v, self._before, self._even = np.zeros(n), np.nan, True
@@ -153,18 +139,7 @@ class Walker:
             CertificateError: the pose is not feasible, or from there it is not proven that the
                 robot can brake within its limits. Nothing has changed.
         """
-        n = len(self._q)
-        q, v = _pose(state.q, n, "a state's pose"), _pose(state.v, n, "a state's speed")
-        flag, way = np.array(state.flag), np.array(state.way, float)
-        before = float(state.before)
-        asked, pace = np.array(state.asked, float), np.array(state.pace, float)
-        if asked.shape != (n,) or pace.shape != (n,):
-            raise ParameterError(f"a state's wanted pose and its pace must have shape ({n},)")
-        good = flag.shape == (4,) and flag.dtype.kind == "i" and 0 <= flag[pursue.LEFT] <= 2
-        if not good or way.shape != (2, n) or not np.isfinite(way).all():
-            raise ParameterError("a state must come from Walker.state of the same robot")
-        if not (np.isnan(before) and not v.any()) and not SHORTEST <= before <= LONGEST:
-            raise ParameterError(f"a state's step must last {SHORTEST:g} to {LONGEST:g} s")
+        q, v, before, _, even, asked, pace, flag, way = checked(state, len(self._q))
         report = self._certifier.require(q[None], self.robot.margin)
         if v.any():
             a, most = self.most.acceleration, self.most
@@ -177,11 +152,7 @@ class Walker:
             self._q = kept
         if v.any() and not stops:
             raise CertificateError("from this state it is not proven that the robot can brake")
-        self.put(
-            State(
-                q, v, before, float(report.clearance[0]), bool(state.even), asked, pace, flag, way
-            )
-        )
+        self.put(State(q, v, before, float(report.clearance[0]), even, asked, pace, flag, way))
 
     def put(self, state: State) -> None:
         """Go back to a state of this very walker; it is not looked at again."""
@@ -213,7 +184,7 @@ class Walker:
         """
         n = len(self._q)
         if wanted is not None:
-            wanted = _pose(wanted, n, "a wanted pose")
+            wanted = pose(wanted, n, "a wanted pose")
         starts = self._none if starts is None else np.ascontiguousarray(starts, float)
         if starts.ndim != 2 or starts.shape[1] != n:
             raise ParameterError(f"starts must have shape (k, {n}), got {starts.shape}")
@@ -225,20 +196,18 @@ class Walker:
             return Step(self.q, "held", self._clearance, self._clearance, True)
         before = dt if np.isnan(self._before) else self._before
         to, out = np.empty(n), np.zeros(2)
-        chain, near = self.robot.chain, self._ends(dt)
+        near = self._ends(dt)
         self._even = self._even and abs(dt - before) <= EVEN * before
         if wanted is None:
             how = self._brake(before, dt, to, out)
         elif self._as_wanted(wanted, before, dt, self._bounds if self._even else near, to, out):
             how = causal.WANTED
-        elif not self._skeleton and (how := self._direct(wanted, before, dt, near, to, out)) >= 0:
-            pass
+        elif self._skeleton or self._memory.flag[pursue.LEFT]:
+            how = self._pursue(wanted, before, dt, near, starts, to, out)
         else:
-            how = pursue.pursue(
-                chain, self._swept, self._scratch, self._memory, self._q, self._v, before, dt,
-                near, self._careful(), wanted, self._seen(wanted), self._bone, self._W, starts,
-                self.robot.anchor, to, out,
-            )  # fmt: skip
+            how = self._direct(wanted, before, dt, near, to, out)
+            if self._blocked(wanted, to, dt):  # does not move it, but may find a way around
+                self._pursue(wanted, before, dt, near, starts, np.empty(n), np.zeros(2))
         mean, moving = 0.5 * (before + dt), bool(self._v.any())
         if moving if how == causal.HELD else not self._holds(to, mean, dt):
             # Nothing is proven, or the engines disagree: what was proven before is driven.
@@ -342,6 +311,22 @@ class Walker:
         self._memory.flag[pursue.MODE] = self._memory.flag[pursue.LEFT] = 0
         return True
 
+    def _pursue(
+        self,
+        wanted: np.ndarray,
+        before: float,
+        dt: float,
+        near: Bounds,
+        starts: np.ndarray,
+        to: np.ndarray,
+        out: np.ndarray,
+    ) -> int:
+        return pursue.pursue(
+            self.robot.chain, self._swept, self._scratch, self._memory, self._q, self._v, before,
+            dt, near, self._careful(), wanted, self._seen(wanted), self._bone, self._W, starts,
+            self.robot.anchor, to, out,
+        )  # fmt: skip
+
     def _direct(
         self,
         wanted: np.ndarray,
@@ -351,20 +336,20 @@ class Walker:
         to: np.ndarray,
         out: np.ndarray,
     ) -> int:
-        """A step for joints alone; -1: bodies block it, or it goes by other poses already."""
-        if self._memory.flag[pursue.LEFT]:
-            return -1
-        how = direct.direct(
+        return direct.direct(
             self.robot.chain, self._swept, self._scratch, self._q, self._v, before, dt, near,
             self._careful(), wanted, self._rate_of(wanted, dt), self._bone, self._W, to, out,
         )  # fmt: skip
+
+    def _blocked(self, wanted: np.ndarray, to: np.ndarray, dt: float) -> bool:
+        """Is the robot to look for a way around, as it does not get to where it is wanted?"""
         far, moved = np.abs(to - wanted).max(initial=0.0), np.abs(to - self._q).max(initial=0.0)
         flag = self._memory.flag
         flag[pursue.WAIT] = max(flag[pursue.WAIT] - int(np.ceil(1e3 * dt)), 0)
         if not (far > _FAR and moved < _STILL * dt) or flag[pursue.WAIT] > 0:
-            return how
+            return False
         flag[pursue.WAIT] = _OFTEN
-        return -1
+        return True
 
     def _rate_of(self, wanted: np.ndarray, dt: float) -> np.ndarray:
         """How fast what is wanted moves [rad/s], (n,): the slower of its last two steps.
@@ -402,19 +387,6 @@ class Walker:
         inside = np.clip(wanted, self.most.lower, self.most.upper)
         batch._skeletons(self.robot.chain, inside[None], x)
         return x[0]
-
-
-def _pose(q: np.ndarray, n: int, what: str) -> np.ndarray:
-    try:
-        q = np.array(q, float)
-    except (TypeError, ValueError, OverflowError):
-        raise ParameterError(f"{what} must hold numbers") from None
-    if q.shape != (n,):
-        raise ParameterError(f"{what} must have shape ({n},), got {q.shape}")
-    if not np.isfinite(q).all():
-        joint = int(np.argmin(np.isfinite(q)))
-        raise ParameterError(f"{what} is not finite at joint {joint} ({q[joint]!r})")
-    return q
 
 
 def walk(walker: Walker, times: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, list[str]]:
