@@ -45,7 +45,7 @@ _REMARK = re.compile(r"#[^\n]*")
 @cache
 def imported(path: Path) -> frozenset[str]:
     """Every module that a file may import, anywhere in it."""
-    names = set()
+    names: set[str] = set()
     for origin, parts, plain in _IMPORT.findall(path.read_text(encoding="utf-8")):
         found = _NAME.findall(_REMARK.sub("", parts or plain))
         names |= {origin} | {f"{origin}.{name}" for name in found} if origin else set(found)
