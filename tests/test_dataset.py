@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 from dag import readers_and_reruns
+from dvc.repo import Repo
 from follower import Plain, led_by
 from handmade import bvh, write
 from ruamel.yaml import YAML
@@ -27,14 +28,14 @@ from s3le.store import documents, tables
 from s3le.tuples.engine.key import file_of, imported
 
 PLACE = ROOT / "dataset"
-STAGE = YAML(typ="safe").load(PLACE / "dvc.yaml")["stages"]["dataset"]
+STAGE = YAML(typ="safe").load(PLACE / "stage.yaml")["stages"]["dataset"]
 
 
 # --- what dvc is told
 
 
-def test_plain_dvc_repro_does_not_make_it():
-    assert "dataset" not in STAGES
+def test_dvc_does_not_know_it_before_it_is_turned_on():
+    assert "dataset" not in STAGES and not (PLACE / "dvc.yaml").exists()
 
 
 def test_its_dvc_yaml_lists_the_code_that_it_runs():
@@ -58,8 +59,12 @@ def test_its_files_are_those_that_dvc_yaml_names():
     assert list(STAGE["metrics"][0]) == [f"../{dataset.METRICS}"]
 
 
-def test_its_limits_rerun_it_alone():
-    promised = readers_and_reruns(ROOT, "dataset/dvc.yaml")
+def test_its_limits_rerun_it_alone(tmp_path):
+    Repo.init(str(tmp_path), no_scm=True).close()
+    (tmp_path / "dataset").mkdir()
+    shutil.copy(PLACE / "stage.yaml", tmp_path / "dataset" / "dvc.yaml")  # turned on
+    shutil.copy(PLACE / "params.yaml", tmp_path / "dataset")
+    promised = readers_and_reruns(tmp_path, "dataset/dvc.yaml")
     assert promised == dict.fromkeys(STAGE["params"], ({"dataset"}, {"dataset"}))
 
 
@@ -104,9 +109,9 @@ def test_motions_become_one_table_that_holds(project):
     assert (rows["q"][rows["file"] == "good.parquet"] == swaying()).all()
     told = tables.read(guard(0.002), dataset.OUT / "guard.parquet", coman().tag)
     assert told["status"].tolist() == ["made certified", "certified"]
-    said = documents.read_json(dataset.METRICS, "dataset/dvc.yaml")
+    said = documents.read_json(dataset.METRICS, "dataset/stage.yaml")
     assert said["files"] == 2 and said["left_broken"] == 0 and said["broken_before"]["poses"] > 5
-    names = tables.read_note(dataset.OUT / "motions.parquet", "joints", "dataset/dvc.yaml")
+    names = tables.read_note(dataset.OUT / "motions.parquet", "joints", "dataset/stage.yaml")
     assert names.split(",") == coman().joint_names
 
 
