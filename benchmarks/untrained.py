@@ -2,9 +2,9 @@
 
     python benchmarks/untrained.py [--folder data/retargeter] [--clips FOLDER]
 
-Both follow the same test frames as streams under the same guard. *Look-up*: the nearest of the
-poses proposed; *wanted*: that pose refined, before limits in time and proofs; *certified*: where
-the robot gets. Distances are to the human; times are a whole frame's, one thread, of this machine.
+Both plan the same motions as files, within the same limits. *Look-up*: the nearest of the poses
+proposed; *wanted*: that pose refined, before limits in time and proofs; *certified*: where the
+robot gets. Distances are to the human; times are a whole frame's, one thread, of this machine.
 Without --clips the frames are the test frames of data/skeletons.parquet.
 """
 
