@@ -35,7 +35,7 @@ from s3le.tuples import sampling
 
 RATE = 30.0  # [Hz]
 POOL = 30_000  # poses that are looked up
-RULE = dict(ridge=1e-3, pull=0.3, toll=0.003, steps=6, budget=paths.BUDGET)
+RULE = dict(target=0.004, ridge=1e-3, toll=0.003, steps=6)
 
 
 class Clip(NamedTuple):
@@ -65,7 +65,7 @@ def main(
     Planner(made, most, settings).warm_up(everything=True)  # compiles
     _stream(made, most, settings, known[0])
     frames = sum(len(clip.x) for clip in known)
-    print(f"{made.robot.name}, {len(known)} motions, {frames} frames, {acceleration:g} rad/s^2")
+    print(f"{made.name}, {len(known)} motions, {frames} frames, {acceleration:g} rad/s^2")
     print(
         f"{'':10}{'to human':>9}{'p99':>7}{'trunk':>8}{'most':>7}{'lag':>8}{'ms':>7}{'p50':>7}"
         f"{'p99':>7}{'fastest':>9}{'hardest':>9}{'poses':>7}{'paths':>7}{'fast':>6}{'hard':>6}"
@@ -98,7 +98,7 @@ def read(made: Robot, look: LookUp, path: Path) -> Clip:
     starts = np.array([look.propose(row) for row in x], float)
     rule = _rule(made)
     balls, out = swept(made.chain).balls, np.empty(3)
-    wanted = np.zeros((len(x), made.robot.n_dof))
+    wanted = np.zeros((len(x), made.n_dof))
     for i in range(len(x)):
         last = wanted[max(i - 1, 0)].copy()
         wanted[i] = last
@@ -107,7 +107,7 @@ def read(made: Robot, look: LookUp, path: Path) -> Clip:
 
 
 def _rule(made: Robot) -> refine.Rule:
-    return refine.Rule(target=0.004, margin=made.margin, between=0.0005, **RULE)
+    return refine.Rule(margin=made.margin, **RULE)
 
 
 def _file(made, most, settings, clip: Clip):
