@@ -58,10 +58,7 @@ def audit(
             show_default="not looked at",
         ),
     ] = None,
-    fps: Annotated[
-        float | None,
-        typer.Option(help="Rows per second [Hz].", show_default="the file's times or rate"),
-    ] = None,
+    fps: options.RateOfRows = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
     budget: Annotated[

@@ -57,10 +57,7 @@ def guard(
         float | None,
         typer.Option(help="Clearance that every pose keeps [m].", show_default="the robot's"),
     ] = None,
-    fps: Annotated[
-        float | None,
-        typer.Option(help="Rows per second [Hz].", show_default="the file's times or rate"),
-    ] = None,
+    fps: options.RateOfRows = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
     column: Annotated[

@@ -51,6 +51,10 @@ RateOfFiles = Annotated[
     float | None,
     typer.Option(help="Rows per second of the files [Hz].", show_default="their own"),
 ]
+RateOfRows = Annotated[
+    float | None,
+    typer.Option(help="Rows per second [Hz].", show_default="the file's times or rate"),
+]
 Joints = Annotated[
     str | None,
     typer.Option(help="Names of the columns, for files that have none: NAME,NAME,... or a file."),
