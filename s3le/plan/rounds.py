@@ -163,7 +163,9 @@ def linearise(chain, balls, p, m, aim, target, between, custom):
             _add(p, t, found, d, G, target[t], share)
 
 
-def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
+def settle_window(
+    chain, balls, p, m, aim, target, between, custom, anew, out, stride=np.inf
+) -> bool:  # fmt: skip
     """Find the nearest motion in a window.
 
     Args:
@@ -175,6 +177,9 @@ def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
         custom: a Custom.
         anew: begin without the multipliers of an earlier call.
         out: receives [rounds, iterations, most that the last round moved a joint [rad]].
+        stride: a round that would move a joint farther [rad] goes a share of its way, so that
+            the motion stays on the side of each body on which it is; then every round is solved
+            to its end, and q must be within the limits when it begins.
     """
     out[:] = 0.0
     mu = 1e-5
@@ -188,16 +193,20 @@ def settle_window(chain, balls, p, m, aim, target, between, custom, anew, out):
         mu = 1e-2 if first else min(max(mu, 1e-7), 1e-3)
         warm(p, m, mu, 0.05 if first else 1e-4, first)
         warm_rows(p, mu, stiff)
-        mu, done = improve(p, m, stiff, custom.steady, custom.small, custom.inner)
+        inner = _LAST if stride < np.inf else custom.inner
+        mu, done = improve(p, m, stiff, custom.steady, custom.small, inner)
         out[0] += 1.0
         out[1] += done
         most = np.abs(p.q[:m] - before).max()
         if not most < np.inf:  # catches NaN
             return False
         out[2] = most
+        if most > stride:
+            p.q[:m] = before + stride / most * (p.q[:m] - before)
         if most < custom.fine and stiff == custom.stiff:
             break
     # A restart moves slacks off their walls; limits are kept when the last step is a whole one.
-    mu, done = improve(p, m, stiff, custom.steady, custom.small, _LAST)
-    out[1] += done
+    if not stride < np.inf:
+        mu, done = improve(p, m, stiff, custom.steady, custom.small, _LAST)
+        out[1] += done
     return bool(np.isfinite(p.q[:m]).all())

@@ -8,7 +8,8 @@ What holds already comes back to the bit. Else the rows around what does not are
 of them at once, as near to what is wanted as limits, speeds, accelerations and clearances allow
 (s3le/plan/rounds.py); then every pose is measured and every path proven. Where that fails, those
 rows are planned again with more room; and at last the robot is driven past the place step by step,
-each step proven (s3le/plan/pursue.py). What comes out holds, or nothing does.
+each step proven (s3le/plan/drive.py), and the rows about it are planned once more from there. What
+comes out holds, or nothing does.
 """
 
 from typing import NamedTuple
@@ -18,7 +19,7 @@ import numpy as np
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.kernels.poses import AGREEMENT
-from s3le.plan import causal, chase, limits, pursue, rounds, weights
+from s3le.plan import causal, chase, drive, limits, rounds, weights
 from s3le.plan.examine import examine
 from s3le.plan.interior import program
 from s3le.plan.limits import Limits
@@ -31,6 +32,9 @@ from s3le.types import Progress
 
 SLOWEST = "interior.improve"  # of the kernels that a motion needs, to compile
 WANTED, PLANNED, DRIVEN = range(3)  # where a row comes from
+_STRIDE = 0.1  # [rad], that a motion which holds is moved at most a round;
+_BURST, _BURSTS = 8, 8  # so many rounds at a time, and so often
+_WORTH = 0.01  # if they gained this share of the cost
 _SPARE = 0.1  # share of speed and acceleration that the first guess leaves
 _MORE = 0.001  # [m], that a pose or path which failed is asked to keep beyond what it lacked
 
@@ -244,8 +248,14 @@ class _Job:
             start = kept
             self.done(start)
 
-    def _window(self, start: int, stop: int, joins: bool) -> bool:
-        """Plan a window; True where its limits hold, and those where it joins the rows after."""
+    def _window(self, start: int, stop: int, joins: bool, again: bool = False) -> bool:
+        """Plan a window; True where its limits hold, and those where it joins the rows after.
+
+        Args:
+            start, stop: the window's rows.
+            joins: it ends in two rows as they are.
+            again: from where its rows are, by small changes.
+        """
         its = self.its
         before, after = 2 if start else 0, 2 if joins else 0
         rows = slice(start - before, stop + after)
@@ -259,7 +269,7 @@ class _Job:
         p.fixed[:before] = True
         p.fixed[m - after : m] = True
         kept = self.q[rows].copy()
-        p.q[:m] = self._guess(times, self.wanted[rows], kept, before, after)
+        p.q[:m] = kept if again else self._guess(times, self.wanted[rows], kept, before, after)
         most = its.most
         rounds.bound(p, m, times, most.lower, most.upper, most.speed, most.acceleration)
         x, W = self.aim.x, self.aim.W
@@ -271,14 +281,17 @@ class _Job:
         between, out = np.zeros(m), np.zeros(3)
         own = slice(start, min(stop + 1, len(self.q)))
         chain, balls = its.robot.chain, its._swept.balls
-        again = its._custom._replace(rounds=max(its._custom.rounds // 2, 1))
+        custom = (
+            its._custom._replace(soft=its._custom.stiff, rounds=_BURST) if again else its._custom
+        )
+        short = custom._replace(rounds=max(custom.rounds // 2, 1))
         for turn in range(its.settings.repairs + 1):
             good = rounds.settle_window(
-                chain, balls, p, m, aim, target, between, again if turn else its._custom,
-                turn == 0, out,
+                chain, balls, p, m, aim, target, between, short if turn else custom, turn == 0,
+                out, _STRIDE if again else np.inf,
             )  # fmt: skip
             if not good or limits.broken(times, p.q[:m], most).any():
-                if turn:
+                if turn or again:
                     return True  # what was found before stays
                 self.q[rows] = (
                     kept if joins else self._guess(times, self.wanted[rows], kept, before, 0)
@@ -327,7 +340,7 @@ class _Job:
             done = last + 1
 
     def past(self, row: int) -> int:
-        """Drive the robot past a row until it is on the plan again; the last row that changed."""
+        """Drive the robot past a row until a plan holds again; the last row that was driven."""
         its, m = self.its, len(self.q)
         chain = its.robot.chain
         first, out = max(row - 1, 0), np.zeros(2)
@@ -336,41 +349,78 @@ class _Job:
             self.times[first] - self.times[first - 1], its._bounds, its._care, out,
         ):  # fmt: skip
             first -= 1
-        planned = self.q.copy()
         if first == 0 and not self.clearance[0] >= its.robot.margin + AGREEMENT:
             anchor = its.robot.anchor
             self.q[0] = batch.project(chain, anchor, self.q[:1], its._care.target).q[0]
-        x = np.empty_like(self.aim.x)
-        if len(x):
-            batch._skeletons(chain, planned, x)
-        last = self._drive(first, row, planned, x)
+        planned = self.q.copy()
+        ways = drive.ways(its, self.times, planned, self.aim, first, row)
+        cut, far, end, found, least, last = row, self.reach, row, None, np.inf, first - 1
+        while True:
+            cut, far = min(cut + far, m - 1), 2 * far
+            for way in ways:
+                way.to(cut)
+                self.q[:] = way.q
+                self.measure(first, min(way.last + 2, m))
+                held = way.met or way.last == m - 1
+                if not held:
+                    self.around(way.last + 1, way.last + 1 + self.reach)
+                    held = not self.close(first, min(way.last + 2 * self.reach, m)).any()
+                changed = self._changed(planned, first)
+                end = max(end, changed)
+                if not held:
+                    continue
+                cost = self.cost(first, changed) - self.cost(first, changed, planned)
+                if cost < least:
+                    found, least, last = self.q.copy(), cost, way.last
+            if found is not None or cut == m - 1:
+                break
+        self.q[:] = planned if found is None else found
+        self.measure(first, min(end, m))
+        if found is None:
+            return last
         self.driven[first + (first > 0) : last + 1] = True
-        self.measure(first, min(last + 2, m))
+        self._polish(first, last)
         return last
 
-    def _drive(self, first: int, stop: int, planned: np.ndarray, x: np.ndarray) -> int:
-        """Follow the plan step by step from row first on; the last row that was written.
+    def _changed(self, other: np.ndarray, first: int) -> int:
+        """One beyond the last row, and the path after it, that is not as another motion has it."""
+        rows = np.flatnonzero((self.q[first:] != other[first:]).any(axis=1))
+        return min(first + (int(rows[-1]) + 2 if len(rows) else 1), len(self.q))
 
-        It may end at row stop or later with two rows as planned.
-        """
-        its, aim = self.its, self.aim
-        n, memory, out = planned.shape[1], pursue.memory(its._joints), np.zeros(2)
-        before = self.times[max(first, 1)] - self.times[max(first, 1) - 1]
-        v = (self.q[first] - self.q[first - 1]) / before if first else np.zeros(n)
-        none, nothing, same = np.empty(0), np.zeros((0, n)), 0
-        for t in range(first + 1, len(self.q)):
-            dt = self.times[t] - self.times[t - 1]
-            pursue.pursue(
-                its.robot.chain, its._swept, its._scratch, memory, self.q[t - 1], v, before, dt,
-                its._bounds, its._care, planned[t], x[t] if len(x) else none, aim.bone,
-                aim.W[min(t, len(aim.W) - 1)], nothing, its.robot.anchor, self.q[t], out,
-            )  # fmt: skip
-            v = (self.q[t] - self.q[t - 1]) / dt
-            before = dt
-            same = same + 1 if (self.q[t] == planned[t]).all() else 0
-            if same >= 2 and t >= stop:
-                return t
-        return len(self.q) - 1
+    def _polish(self, first: int, last: int) -> None:
+        """Plan the rows about a stretch that was driven once more, from where they are."""
+        start, stop = max(first - self.reach, 0), min(last + self.reach, len(self.q))
+        start = start if start >= 2 else self.given
+        stop = stop if stop <= len(self.q) - 2 else len(self.q)
+        rows = slice(start, min(stop + 1, len(self.q)))
+        if self.close(rows.start, rows.stop).any():
+            return
+        kept, least = self.q[rows].copy(), self.cost(rows.start, rows.stop)
+        for _ in range(_BURSTS):
+            self._window(start, stop, stop < len(self.q), again=True)
+            cost = self.cost(rows.start, rows.stop)
+            if self.close(rows.start, rows.stop).any() or not cost < least:
+                self.q[rows] = kept
+                self.measure(rows.start, rows.stop)
+                return
+            self.driven[rows] &= (self.q[rows] == kept).all(axis=1)
+            gain = least - cost
+            kept, least = self.q[rows].copy(), cost
+            if gain < _WORTH * least:
+                return
+
+    def cost(self, first: int, last: int, q: np.ndarray | None = None) -> float:
+        """What rows first to last - 1, of q or else the plan, are off from what is wanted."""
+        part = slice(first, last)
+        q = np.ascontiguousarray((self.q if q is None else q)[part])
+        off = q - self.wanted[part]
+        W = self.aim.W[part] if len(self.aim.W) > 1 else self.aim.W
+        total = float((off[:, None, :] @ W @ off[:, :, None]).sum())
+        if len(self.aim.x):
+            x = np.empty((len(off), DIM))
+            batch._skeletons(self.its.robot.chain, q, x)
+            total += float((self.aim.bone * np.square(x - self.aim.x[part])).sum())
+        return 0.5 * total
 
 
 def _runs(bad: np.ndarray, reach: int, m: int) -> list[tuple[int, int]]:
