@@ -13,7 +13,7 @@ VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro report dataset test test-all paper study search judge hpp video videos setup lint lock
+.PHONY: repro report test test-all paper study search judge hpp video videos setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
@@ -33,11 +33,6 @@ test-all: lint
 	-@$(MAKE) --no-print-directory hpp
 	-@$(RUN) python benchmarks/videos.py sports2d
 	@$(RUN) $(TESTS)
-
-# Motions to certified motions of a robot, as dataset/params.yaml says; off until it is asked for.
-dataset: setup
-	@test -f dataset/dvc.yaml || cp dataset/stage.yaml dataset/dvc.yaml
-	@$(RUN) dvc repro dataset/dvc.yaml
 
 # The pipeline by what is printed in the paper (profiles/paper.yaml). ARGS="-S clips=cmu"
 paper: setup

@@ -1,4 +1,4 @@
-"""Stage of dataset/dvc.yaml: a folder of motions -> certified motions of a robot as one table."""
+"""Stage dataset@NAME: a folder of motions -> certified motions of a robot as one table."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +16,6 @@ from s3le.store import documents
 from s3le.tuples.engine import run
 from s3le.tuples.engine.vault import home
 
-PARAMS = Path("dataset/params.yaml")
-OUT = Path("data/dataset")
-METRICS = Path("reports/dataset.json")
 WANTED, GUARDED, LEROBOT = "dataset-wanted", "dataset-guarded", "dataset-lerobot"  # beside shards
 
 
@@ -26,32 +23,38 @@ WANTED, GUARDED, LEROBOT = "dataset-wanted", "dataset-guarded", "dataset-lerobot
 class Params:
     """Which motions, of which robot, within which limits, and who computes."""
 
-    folder: str = knob("of the motions", shared=True)
-    holds: str = knob("what it holds", one_of=("clips", "motions"), shared=True)
-    rate: float = knob("rows a second [Hz]", at_least=30, at_most=1000, shared=True)
-    robot: str = knob("name of a robot", shared=True)
-    margin: float = knob("clearance of poses [m]", at_least=1e-6, at_most=0.1, shared=True)
-    speed_factor: float = knob("share of speeds", at_least=1e-3, at_most=1, shared=True)
-    acceleration: float = knob("limit [rad/s^2]", at_least=1e-3, at_most=1e6, shared=True)
-    lerobot: bool = knob("write LeRobot's folder too", shared=True)
+    section = "dataset"
+    folder: str = knob("of the motions")
+    holds: str = knob("what it holds", one_of=("clips", "motions"))
+    rate: float = knob("rows a second [Hz]", at_least=30, at_most=1000)
+    robot: str = knob("name of a robot")
+    margin: float = knob("clearance of poses [m]", at_least=1e-6, at_most=0.1)
+    speed_factor: float = knob("share of speeds", at_least=1e-3, at_most=1)
+    acceleration: float = knob("limit [rad/s^2]", at_least=1e-3, at_most=1e6)
+    lerobot: bool = knob("write LeRobot's folder too")
     executor: str = knob("who computes", one_of=run.EXECUTORS, shared=True)
     workers: int = knob("local processes; 0: all", at_least=0, at_most=10_000, shared=True)
     ray_address: str = knob("of a Ray cluster", shared=True)
 
 
-def main() -> None:
-    """Retarget clips, guard motions, put what holds into one table."""
-    params = read(Params, PARAMS)
+def main(name: str) -> None:
+    """Retarget clips, guard motions, put what holds into one table.
+
+    Args:
+        name: of the data set, in params.yaml's section dataset.
+    """
+    params = read(Params, of=name)
+    out = Path("data/dataset") / name
     robot, wanted = claim.claim(
         Robot.load(params.robot), params.margin, params.speed_factor, params.acceleration
     )
-    given = PARAMS.parent / params.folder
+    given = Path(params.folder)
     shelf = home(Path.cwd())
     refused = 0
     if params.holds == "clips":
-        refused = _retarget(given, robot, params.rate, shelf / WANTED)
-        given = shelf / WANTED
-    pieces, reading = places.pieces([given], shelf / GUARDED), Reading()
+        refused = _retarget(given, robot, params.rate, shelf / WANTED / name)
+        given = shelf / WANTED / name
+    pieces, reading = places.pieces([given], shelf / GUARDED / name), Reading()
     made = robot.to_bytes()
 
     def cleaning(sources: tuple[str, ...], hashes: tuple[str, ...]) -> Cleaning:
@@ -70,12 +73,15 @@ def main() -> None:
             if record.why:
                 say(f"{record.status}: {record.why}")
     records.sort(key=lambda record: record.piece.name)
-    collect.write(records, reading, robot, OUT / "motions.parquet")
+    collect.write(records, reading, robot, out / "motions.parquet")
     if params.lerobot:
-        given = shelf / LEROBOT
-        collect.write_lerobot(records, reading, robot, cleaning, given, OUT / "lerobot")
-    table.write(records, wanted.margin, robot.tag, OUT / "guard.parquet")
-    documents.write_json(collect.metrics(records) | {"clips_refused": refused}, METRICS)
+        given = shelf / LEROBOT / name
+        collect.write_lerobot(records, reading, robot, cleaning, given, out / "lerobot")
+    table.write(records, wanted.margin, robot.tag, out / "guard.parquet")
+    documents.write_json(
+        collect.metrics(records) | {"clips_refused": refused},
+        Path("reports") / f"dataset-{name}.json",
+    )
 
 
 def _retarget(given: Path, robot: Robot, rate: float, to: Path) -> int:

@@ -48,8 +48,13 @@ def dvc_keys(*params: type) -> list[str]:
     return list(dict.fromkeys(keys))
 
 
-def read(params: type, path: Path = PARAMS) -> Any:
+def read(params: type, path: Path = PARAMS, of: str = "") -> Any:
     """Read and check one class of parameters; refuse the first wrong one by name.
+
+    Args:
+        params: the class.
+        path: the file.
+        of: its own are those of this name in its section; empty: the section's.
 
     Raises:
         ParameterError: params.yaml is missing, too long or not YAML, or a key of this class or
@@ -60,17 +65,19 @@ def read(params: type, path: Path = PARAMS) -> Any:
     except FileNotFoundError:
         raise ParameterError(f"{path} is missing here; run from the project's folder") from None
     own = [f.name for f in fields(params) if not f.metadata["shared"]]
-    section = tree.get(params.section, {}) if own else {}
+    section, name = tree.get(params.section, {}) if own else {}, params.section if own else ""
+    if of and isinstance(section, dict):
+        section, name = section.get(of, {}), f"{name}.{of}"
     if not isinstance(section, dict):
-        raise ParameterError(f"{path}: '{params.section}' must be a mapping, got {section!r}")
+        raise ParameterError(f"{path}: '{name}' must be a mapping, got {section!r}")
     for key in section.keys() - set(own):
         near = get_close_matches(str(key), own, n=1)
         hint = f"; did you mean {near[0]}?" if near else f"; it has: {', '.join(own)}"
-        raise ParameterError(f"{path}: section '{params.section}' has no parameter '{key}'{hint}")
+        raise ParameterError(f"{path}: section '{name}' has no parameter '{key}'{hint}")
     values = {}
     for f in fields(params):
         shared = f.metadata["shared"]
-        home, where = (tree, f.name) if shared else (section, f"{params.section}.{f.name}")
+        home, where = (tree, f.name) if shared else (section, f"{name}.{f.name}")
         if f.name not in home:
             raise ParameterError(f"{path}: {where} is missing ({f.metadata['doc']})")
         values[f.name] = _checked(path, where, f, home[f.name])

@@ -13,11 +13,10 @@ from handmade import bvh, write
 from ruamel.yaml import YAML
 from test_guard_clean import collides, colliding, lying, swaying
 from test_guard_command import put
-from test_house import ROBOTS, ROOT, STAGE_MAY_IMPORT, STAGES, code_of
+from test_house import ROBOTS, ROOT, STAGES, switched_on
 from worlds import coman
 
 from pipeline import dataset
-from pipeline.stage import dvc_keys
 from s3le.errors import CertificateError, TrajectoryError
 from s3le.guard.layouts.door import open_layout
 from s3le.guard.layouts.lerobot_new import Motion, create
@@ -25,47 +24,45 @@ from s3le.guard.table import guard, motions
 from s3le.motion import files, trajectory
 from s3le.safety import audit
 from s3le.store import documents, tables
-from s3le.tuples.engine.key import file_of, imported
 
-PLACE = ROOT / "dataset"
-STAGE = YAML(typ="safe").load(PLACE / "stage.yaml")["stages"]["dataset"]
+STAGE = STAGES["dataset"]["do"]
+OUT, METRICS = Path("data/dataset/mine"), Path("reports/dataset-mine.json")
 
 
 # --- what dvc is told
 
 
-def test_dvc_does_not_know_it_before_it_is_turned_on():
-    assert "dataset" not in STAGES and not (PLACE / "dvc.yaml").exists()
+def turned_on(folder: Path, **more) -> None:
+    """Write the project's params.yaml with a data set in it, as people do."""
+    tree = YAML().load(folder / "params.yaml")
+    tree["dataset"] = switched_on(**more)
+    YAML().dump(tree, folder / "params.yaml")
 
 
-def test_its_dvc_yaml_lists_the_code_that_it_runs():
-    given = [path.removeprefix("../") for path in STAGE["deps"] if path.startswith("../")]
-    code = [path for path in given if path.startswith(("s3le", "pipeline")) and path != ROBOTS]
-    assert code == code_of("dataset")
-    assert {ROBOTS, "data/robots"} == set(given) - set(code) and STAGE["deps"][0] == "${folder}"
-    roots = {name.split(".")[0] for name in imported(file_of("pipeline.dataset"))}
-    assert roots <= STAGE_MAY_IMPORT
-
-
-def test_its_dvc_yaml_lists_its_parameters_and_each_has_a_sentence():
-    text = (PLACE / "params.yaml").read_text(encoding="utf-8")
-    assert STAGE["params"] == dvc_keys(dataset.Params) == list(YAML(typ="safe").load(text))
-    for line in text.splitlines():
-        assert not line or line.startswith("#") or "#" in line
+def test_dvc_does_not_know_it_before_it_is_turned_on(tmp_path):
+    Repo.init(str(tmp_path), no_scm=True).close()
+    for name in ("dvc.yaml", "params.yaml"):
+        shutil.copy(ROOT / name, tmp_path)
+    with Repo(str(tmp_path)) as repo:
+        assert not [one for one in repo.index.stages if one.name.startswith("dataset")]
 
 
 def test_its_files_are_those_that_dvc_yaml_names():
-    assert STAGE["outs"] == [f"../{dataset.OUT}"]
-    assert list(STAGE["metrics"][0]) == [f"../{dataset.METRICS}"]
+    assert STAGE["outs"] == [str(OUT).replace("mine", "${key}")]
+    assert list(STAGE["metrics"][0]) == [str(METRICS).replace("mine", "${key}")]
+    assert {ROBOTS, "data/robots", "${item.folder}"} <= set(STAGE["deps"])
 
 
 def test_its_limits_rerun_it_alone(tmp_path):
     Repo.init(str(tmp_path), no_scm=True).close()
-    (tmp_path / "dataset").mkdir()
-    shutil.copy(PLACE / "stage.yaml", tmp_path / "dataset" / "dvc.yaml")  # turned on
-    shutil.copy(PLACE / "params.yaml", tmp_path / "dataset")
-    promised = readers_and_reruns(tmp_path, "dataset/dvc.yaml")
-    assert promised == dict.fromkeys(STAGE["params"], ({"dataset"}, {"dataset"}))
+    for name in ("dvc.yaml", "params.yaml"):
+        shutil.copy(ROOT / name, tmp_path)
+    turned_on(tmp_path)
+    promised = readers_and_reruns(tmp_path)
+    assert promised["dataset.mine"] == ({"dataset@mine"}, {"dataset@mine"})
+    assert [key for key, (read, _) in promised.items() if "dataset@mine" in read] == [
+        "executor", "workers", "ray_address", "dataset.mine",
+    ]  # fmt: skip
 
 
 # --- what it makes
@@ -76,30 +73,28 @@ def project(tmp_path, monkeypatch):
     """A folder like the project's, with motions of the robot."""
     put(tmp_path / "motions" / "a" / "bad.csv", colliding())
     put(tmp_path / "motions" / "good.parquet", swaying())
-    (tmp_path / "dataset").mkdir()
-    shutil.copy(PLACE / "params.yaml", tmp_path / "dataset")
+    shutil.copy(ROOT / "params.yaml", tmp_path)
     monkeypatch.chdir(tmp_path)
-    asked(folder="../motions", holds="motions", workers=1)
+    asked(folder="motions", holds="motions")
     return tmp_path
 
 
 def asked(**more):
-    yaml = YAML()
-    path = Path("dataset/params.yaml")
+    yaml, path = YAML(), Path("params.yaml")
     tree = yaml.load(path)
-    tree.update(more)
+    tree["workers"] = 1
+    tree["dataset"] = tree["dataset"] or switched_on()
+    tree["dataset"]["mine"].update(more)
     yaml.dump(tree, path)
 
 
 def made():
     robot = coman()
-    return tables.read(
-        motions(robot.n_dof, robot.margin), dataset.OUT / "motions.parquet", robot.tag
-    )
+    return tables.read(motions(robot.n_dof, robot.margin), OUT / "motions.parquet", robot.tag)
 
 
 def test_motions_become_one_table_that_holds(project):
-    dataset.main()
+    dataset.main("mine")
     rows = made()
     assert len(rows["row"]) == 120
     wanted = audit.demands(coman(), acceleration=60.0)
@@ -107,17 +102,17 @@ def test_motions_become_one_table_that_holds(project):
         of = rows["file"] == name
         assert audit.audit(coman(), rows["time"][of], rows["q"][of], wanted).holds
     assert (rows["q"][rows["file"] == "good.parquet"] == swaying()).all()
-    told = tables.read(guard(0.002), dataset.OUT / "guard.parquet", coman().tag)
+    told = tables.read(guard(0.002), OUT / "guard.parquet", coman().tag)
     assert told["status"].tolist() == ["made certified", "certified"]
-    said = documents.read_json(dataset.METRICS, "dataset/stage.yaml")
+    said = documents.read_json(METRICS, "dataset@mine")
     assert said["files"] == 2 and said["left_broken"] == 0 and said["broken_before"]["poses"] > 5
-    names = tables.read_note(dataset.OUT / "motions.parquet", "joints", "dataset/stage.yaml")
+    names = tables.read_note(OUT / "motions.parquet", "joints", "dataset@mine")
     assert names.split(",") == coman().joint_names
 
 
 def test_another_limit_is_kept_to(project):
     asked(acceleration=3.0)
-    dataset.main()
+    dataset.main("mine")
     rows = made()
     for name in ("a/bad.csv", "good.parquet"):
         q = rows["q"][rows["file"] == name]
@@ -130,22 +125,22 @@ def test_clips_of_people_are_retargeted_first(project, monkeypatch):
                 order="ZXY", step=".033")  # fmt: skip
     write(project / "clips" / "one.bvh", still)
     write(project / "clips" / "odd.bvh", "HIERARCHY")
-    asked(folder="../clips", holds="clips", rate=60.0)
-    dataset.main()
+    asked(folder="clips", holds="clips", rate=60.0)
+    dataset.main("mine")
     assert set(made()["file"]) == {"one.parquet"}
     assert np.allclose(np.diff(made()["time"]), 1 / 60)
-    assert documents.read_json(dataset.METRICS, "")["clips_refused"] == 1
+    assert documents.read_json(METRICS, "")["clips_refused"] == 1
 
 
 def test_what_has_no_motion_is_counted_and_left_out(project, monkeypatch, capsys):
     lying(monkeypatch, collides)
-    dataset.main()
+    dataset.main("mine")
     assert set(made()["file"]) == {"good.parquet"}
-    assert documents.read_json(dataset.METRICS, "")["without_a_motion"] == 1
+    assert documents.read_json(METRICS, "")["without_a_motion"] == 1
     assert "refused: " in capsys.readouterr().out
     Path("motions/good.parquet").unlink()
     with pytest.raises(CertificateError, match="none of 1 files has a motion that holds"):
-        dataset.main()
+        dataset.main("mine")
 
 
 # --- in LeRobot's layout
@@ -153,17 +148,17 @@ def test_what_has_no_motion_is_counted_and_left_out(project, monkeypatch, capsys
 
 def test_lerobots_folder_holds_in_its_own_numbers(project):
     asked(lerobot=True, acceleration=2.0)  # so low that rounding to float32 breaks it
-    dataset.main()
-    came = open_layout(dataset.OUT / "lerobot", coman())
+    dataset.main("mine")
+    came = open_layout(OUT / "lerobot", coman())
     assert [len(one.q) for one in came.episodes] == [60, 60]
     assert came.episodes[0].numbers.raw[0].dtype == np.float32
     wanted = audit.demands(coman(), acceleration=2.0)
     for one in came.episodes:
         assert audit.audit(coman(), one.time, one.q, wanted).holds
-    said = documents.read_json(dataset.OUT / "lerobot.guard.json", "")
+    said = documents.read_json(OUT / "lerobot.guard.json", "")
     assert said["certificate"]["holds"] and said["before"]["accelerations"]["broken"] > 0
     q = np.concatenate([one.q for one in came.episodes])
-    stats = documents.read_json(dataset.OUT / "lerobot" / "meta" / "stats.json", "")["action"]
+    stats = documents.read_json(OUT / "lerobot" / "meta" / "stats.json", "")["action"]
     assert np.allclose(stats["max"], q.max(axis=0)) and np.allclose(stats["std"], q.std(axis=0))
 
 
@@ -172,7 +167,7 @@ def test_lerobots_folder_has_one_rate(project):
     files.write(slow, project / "motions" / "slow.csv")
     asked(lerobot=True)
     with pytest.raises(TrajectoryError, match="has one rate; .* steps of 0.0333333 to 0.05 s"):
-        dataset.main()
+        dataset.main("mine")
 
 
 def test_a_new_lerobot_folder_says_where_its_episodes_lie(tmp_path):

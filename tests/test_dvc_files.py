@@ -16,8 +16,8 @@ from s3le.tuples.engine.key import file_of
 SCRATCH = {"data/checkpoints/*.safetensors", "data/downloads"}
 # Records that are made beside the pipeline, and shown where there are any.
 RECORDS = {"reports/latency.json", "reports/video/figure.json", "reports/video/figure.png"}
-# Read through another file that names it: a robot's own file says where its URDF is.
-INDIRECT = {"data/robots"}
+# Read through what names it: a robot's own file says where its URDF is, params.yaml a folder.
+INDIRECT = {"data/robots", "data/clips/own"}
 # What comes from outside: robots, and what is committed.
 SOURCES = ("data/robots", "data/clips", "reports/latency.json", "reports/video")
 
@@ -73,7 +73,7 @@ def data(stage, what):
         for path in listed(stage, what):
             path = path.replace("${key}", key).replace("${robot}", "*").replace("${clips}", "*")
             for name, value in (item or {}).items():
-                path = path.replace(f"${{item.{name}}}", value)
+                path = path.replace(f"${{item.{name}}}", str(value))
             paths.add(path)
     return {path for path in paths if path.startswith(("data/", "reports/"))}
 

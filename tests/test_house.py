@@ -17,6 +17,18 @@ from s3le.tuples.engine.key import closure, file_of, imported
 ROOT = Path(__file__).parents[1]
 STAGES = YAML(typ="safe").load(ROOT / "dvc.yaml")["stages"]
 PARAMS = YAML(typ="safe").load(ROOT / "params.yaml")
+
+
+def switched_on(**more: object) -> dict:
+    """Section dataset of params.yaml as it is with the # taken away, and `mine` changed."""
+    text = (ROOT / "params.yaml").read_text(encoding="utf-8")
+    tree = YAML(typ="safe").load(
+        text.split("dataset: {}")[1].split("\n", 1)[1].replace("#  ", "  ")
+    )
+    return tree | {"mine": tree["mine"] | more}
+
+
+STAGES["dataset"]["foreach"] = switched_on()
 FILES = sorted((ROOT / "s3le").rglob("*.py"))
 ROBOTS = "s3le/robots"  # those that come with the package: data
 STAGE_MAY_IMPORT = {"collections", "dataclasses", "math", "pathlib", "typing", "s3le", "pipeline"}
@@ -142,7 +154,7 @@ def test_dvc_yaml_lists_the_code_that_a_stage_runs_and_no_room_of_which_it_uses_
 ):
     code = [d for d in listed(stage, "deps") if d.startswith(("s3le", "pipeline"))]
     assert [path for path in code if path != ROBOTS] == code_of(stage)
-    assert (ROBOTS in code) == (stage == "robot")
+    assert (ROBOTS in code) == (stage in ("robot", "dataset"))
 
 
 def test_an_edit_of_a_template_writes_the_page_anew():
@@ -155,7 +167,8 @@ def test_an_edit_of_a_template_writes_the_page_anew():
 def test_dvc_yaml_lists_exactly_the_parameters_that_a_stage_reads(stage):
     params = import_module(module_of(stage)).Params
     assert params.section == stage
-    assert listed(stage, "params") == dvc_keys(params)
+    listed_keys = [key.replace(".${key}", "") for key in listed(stage, "params")]
+    assert listed_keys == dvc_keys(params)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -179,7 +192,9 @@ def test_params_yaml_holds_every_key_once_and_no_other():
                     known[f.name] = None
                 else:
                     known.setdefault(cls.section, set()).add(f.name)
-    assert {k: set(v) if isinstance(v, dict) else None for k, v in PARAMS.items()} == known
+    given = PARAMS | {"dataset": switched_on()["mine"]}
+    assert PARAMS["dataset"] == {}  # off
+    assert {k: set(v) if isinstance(v, dict) else None for k, v in given.items()} == known
 
 
 def test_every_key_of_params_yaml_has_a_sentence():

@@ -26,7 +26,7 @@ def guard(margin: float) -> Table:
     }
     return Table(
         name="guard",
-        stage="dataset/dvc.yaml",
+        stage="dataset",
         grain="one motion file, or folder that is one",
         key=("file",),
         columns={
@@ -68,7 +68,7 @@ def motions(n_dof: int, margin: float) -> Table:
     """
     return Table(
         name="motions",
-        stage="dataset/dvc.yaml",
+        stage="dataset",
         grain="one row of a certified motion",
         key=("file", "episode", "row"),
         columns={
