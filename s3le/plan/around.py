@@ -1,9 +1,11 @@
 """A way around what stands between two poses: a pose or two to go by, all of it proven; compiled.
 
 Bodies block each other mostly because an arm is in the way of the other, or of the trunk. So an
-arm, or all, is opened some way towards the anchor, where everything is clear; carried, so opened,
-to the other side; and closed again. Other ways lead by the anchor itself and by poses that a
-look-up proposes. Which are tried turns from call to call: a frame has time for a few.
+arm, or both, are opened some way towards the anchor, where everything is clear; carried, so opened,
+to the other side; and closed again. Other ways lead by the arms of the anchor, and of poses that a
+look-up proposes. The trunk keeps to where the robot comes from and where it goes, for a trunk that
+swings is what people see; where all that fails, the way leads by the anchor as it is. Which are
+tried turns from call to call: a frame has time for a few.
 """
 
 import numpy as np
@@ -22,8 +24,15 @@ _R_HAND, _L_HAND = POINTS.index("r_hand"), POINTS.index("l_hand")
 
 
 @compiled
-def opened(chain, q, anchor, group, share, out):
-    """Turn joints some way to the anchor: all (group 0), the right arm's (1), the left arm's (2).
+def opened(chain, q, other, group, share, out):
+    """Turn joints some way to another pose.
+
+    Args:
+        chain: the robot.
+        q, other: from and to [rad], (n,).
+        group: all joints but those that carry both hands (0), the right arm's (1), the left's (2).
+        share: of the way.
+        out: receives the pose [rad], (n,).
 
     Returns:
         False where the group is empty.
@@ -33,11 +42,11 @@ def opened(chain, q, anchor, group, share, out):
     some = False
     for i in range(len(q)):
         of_right, of_left = chain.moves[right, i], chain.moves[left, i]
-        mine = (of_right and not of_left) if group == 1 else (of_left and not of_right)
         out[i] = q[i]
-        if group == 0 or mine:
+        if (not (of_right and of_left) if group == 0 else
+            of_right and not of_left if group == 1 else of_left and not of_right):  # fmt: skip
             some = True
-            out[i] += share * (anchor[i] - q[i])
+            out[i] += share * (other[i] - q[i])
     return some
 
 
@@ -69,7 +78,7 @@ def seek(chain, swept, s, q, want, starts, anchor, care, turn, way):
     first = np.empty(n)
     second = np.empty(n)
     simple = 3 * len(_SHARES)
-    kinds = simple + 1 + len(starts)
+    kinds = simple + 2 + len(starts)
     least = _FARTHER * apart(q, want) + _BEYOND
     found = 0
     for attempt in range(TRIES):
@@ -79,12 +88,14 @@ def seek(chain, swept, s, q, want, starts, anchor, care, turn, way):
             if not opened(chain, q, anchor, kind % 3, share, first):
                 continue
             opened(chain, want, anchor, kind % 3, share, second)
-        elif kind == simple:
+        elif kind == simple + 1:
             first[:] = anchor
             second[:] = anchor
         else:
-            first[:] = starts[kind - simple - 1]
-            second[:] = first
+            other = anchor if kind == simple else starts[kind - simple - 2]
+            if not opened(chain, q, other, 0, 1.0, first):
+                continue
+            opened(chain, want, other, 0, 1.0, second)
         far = apart(q, first) + apart(first, second) + apart(second, want)
         if not far < least or not (
             clear(chain, swept, care, first) and clear(chain, swept, care, second)
