@@ -4,15 +4,20 @@ The pose nearest to a wanted one that keeps the margin, whatever went before and
 is the angle of the joint that moves most (`weight` None), or a weighted sum of squares. Sequential
 quadratic programs with daqp from several starts: the best local optimum that was found. What no
 motion can undercut is `least`: a pair that lacks clearance needs its joints to turn so far at
-least, whatever way they turn, by the lengths of the links between.
+least, whatever way they turn, by the lengths of the links between. `in_time` leaves bodies out
+instead: a motion within the limits in time that goes as little as possible beyond a distance.
 """
 
 from collections.abc import Sequence
 
 import daqp
 import numpy as np
+from scipy import sparse
+from scipy.optimize import linprog
 
 from s3le.kernels import distance, kinematics, solver
+from s3le.plan import limits
+from s3le.plan.limits import Limits
 from s3le.robot.robot import Robot
 from s3le.safety.judge import reaches
 
@@ -115,6 +120,48 @@ class Floor:
         distance.place_capsules(chain, R, p, ends)
         k = distance.near_pairs(chain, ends, self._balls, p, z, self.robot.margin + BAND, d, G)
         return d[:k].copy(), G[:k].copy()
+
+
+def in_time(time: np.ndarray, wanted: np.ndarray, most: Limits, free: float = 0.0) -> np.ndarray:
+    """The motion within range, speeds and accelerations nearest to a wanted one [rad], (m, n).
+
+    Each joint by a linear program: least sum of distances beyond `free` [rad], which cost nothing.
+    Bodies are not looked at.
+    """
+    m = len(time)
+    rate = sparse.diags([-1.0, 1.0], [0, 1], (m - 1, m), "csr") / np.diff(time)[:, None]
+    rate = sparse.csr_matrix(rate)
+    mean = 0.5 * (np.diff(time)[1:] + np.diff(time)[:-1])
+    change = sparse.csr_matrix((rate[1:] - rate[:-1]).multiply(1.0 / mean[:, None]))
+    one, none = sparse.identity(m), sparse.csr_matrix((m - 1, m))
+    out = wanted.clip(most.lower, most.upper)
+    for j in range(wanted.shape[1]):
+        if not limits.broken(time, wanted, _only(most, j)).any():
+            continue
+        both = [[one, -one], [-one, -one]]
+        ends = [wanted[:, j] + free, free - wanted[:, j]]
+        for rows, limit in ((rate, most.speed[j]), (change, most.acceleration[j])):
+            if np.isfinite(limit):
+                k = rows.shape[0]
+                both += [[rows, none[:k]], [-rows, none[:k]]]
+                ends += [np.full(k, limit)] * 2
+        found = linprog(
+            np.r_[np.zeros(m), np.ones(m)], sparse.bmat(both, "csr"), np.concatenate(ends),
+            bounds=[(most.lower[j], most.upper[j])] * m + [(0.0, None)] * m, method="highs",
+        )  # fmt: skip
+        if found.status:
+            raise ValueError(f"joint {j}: {found.message}")
+        out[:, j] = found.x[:m]
+    return out
+
+
+def _only(most: Limits, j: int) -> Limits:
+    """The limits of one joint alone."""
+    free = np.arange(len(most.speed)) != j
+    return Limits(
+        np.where(free, -np.inf, most.lower), np.where(free, np.inf, most.upper),
+        np.where(free, np.inf, most.speed), np.where(free, np.inf, most.acceleration),
+    )  # fmt: skip
 
 
 def _cost(off: np.ndarray, weight: np.ndarray | None) -> float:

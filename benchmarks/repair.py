@@ -14,8 +14,10 @@ follow 21 clips, at most 450 frames each at 30 Hz: the 15 of DeepMimic in data/d
 What is broken is counted before and after by the audit: coal at poses, the proof of paths, limits
 in time with the robot file's accelerations or 60 rad/s^2. *moved*: frames with a joint more than
 0.05 degrees off, over these the median, p95 and most of the joint farthest off; *later*: without
-the first second, in which solvers jump from the anchor to the clip. *floor* (benchmarks/floor.py):
-over frames in collision, the medians of what some joint must turn by the lengths of links, of the
+the first second, in which solvers jump from the anchor to the clip. *over 10*: frames with a joint
+more than 10 degrees off, and how many a motion needs that keeps the limits in time alone, bodies
+left out, and goes as little beyond 10 degrees as can be. Floors (benchmarks/floor.py): over frames
+in collision, the medians of what some joint must turn by the lengths of links, of the
 clear pose nearest by the joint farthest off, of the one nearest in the guard's weights, and of what
 the guard did. Motions are kept in --keep, one file each; what is there is not made again.
 """
@@ -27,7 +29,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
-from floor import Floor
+from floor import Floor, in_time
 from rivals import followed, mink_solver, pink_solver
 from tqdm import tqdm
 from tuple_cost import one_core
@@ -40,7 +42,7 @@ from s3le.guard.layouts.numbers import Numbers
 from s3le.human.skeletons import read_frames
 from s3le.kernels import batch
 from s3le.plan import chase, weights
-from s3le.plan.limits import limits
+from s3le.plan.limits import Limits, limits
 from s3le.robot.robot import Robot
 from s3le.skeleton import cosine_distance
 
@@ -50,7 +52,7 @@ CMU = ("14_05", "14_07", "14_14", "14_20", "14_26", "14_30")
 DEMO, ORIGINALS = Path("data/downloads/demo"), Path("../shared/mocap/cmu")
 WAYS = ("both", "speed", "fast")
 UNLIMITED = 1e3  # [rad/s], a speed limit that is none; solvers want a number
-MOVED = 0.05  # [deg]
+MOVED, FAR = 0.05, 10.0  # [deg]; the second is the mark of the p95 of inputs within speed
 FLOORS = 400  # poses of a row of the table whose floor is looked for
 BROKEN = ("limits", "velocities", "accelerations", "poses", "paths")
 SOLVERS = {"mink": mink_solver, "pink": pink_solver}
@@ -79,6 +81,7 @@ def main(
     for name in robots.split(","):
         robot, asked = claim(Robot.load(name))
         guard = Guard(robot, asked)
+        most = limits(robot, np.array(asked.acceleration), asked.speed_factor)
         table = {}
         for solver in solvers.split(","):
             for way in WAYS:
@@ -86,7 +89,7 @@ def main(
             for clip in tqdm(clips, f"{robot.name}, {solver}", disable=None, leave=False):
                 for way, motion in repaired(guard, asked, solver, clip, frames, keep).items():
                     table[solver, way].append(motion)
-        say(guard, table)
+        say(guard, most, table)
 
 
 def found(demo: Path, cmu: Path) -> list[Path]:
@@ -173,10 +176,11 @@ class Sum:
     far: list[np.ndarray] = field(default_factory=list)  # and after
     off: list[np.ndarray] = field(default_factory=list)  # [deg], (m,), joint farthest off
     later: list[np.ndarray] = field(default_factory=list)  # the same after a second
+    late: list[np.ndarray] = field(default_factory=list)  # of floor.in_time
     deep: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)  # wanted, q: collides
     joints: Counter = field(default_factory=Counter)  # which was farthest off, over moved frames
 
-    def add(self, guard: Guard, one: Motion) -> None:
+    def add(self, guard: Guard, most: Limits, one: Motion) -> None:
         """Count a motion."""
         robot = guard.robot
         self.frames, self.failed = self.frames + len(one.q), self.failed + int(one.failed)
@@ -193,27 +197,29 @@ class Sum:
         off = turned.max(axis=1)
         self.off.append(off)
         self.later.append(off[one.time >= one.time[0] + 1.0])
+        timed = in_time(one.time, one.wanted, most, np.radians(FAR))
+        self.late.append(np.degrees(np.abs(timed - one.wanted)).max(axis=1))
         for joint in turned.argmax(axis=1)[off > MOVED]:
             self.joints[robot.joint_names[joint]] += 1
         deep = before.clearance < robot.margin
         self.deep += list(zip(one.wanted[deep], one.q[deep], strict=True))
 
 
-def say(guard: Guard, table: dict[tuple[str, str], list[Motion]]) -> None:
+def say(guard: Guard, most: Limits, table: dict[tuple[str, str], list[Motion]]) -> None:
     """Print the table of one robot, and what its floors are."""
     robot = guard.robot
     print(f"{robot.name}: {len(robot.watched)} pairs, margin {robot.margin * 1e3:g} mm")
     print(
         "| input | frames | poses under | paths unproven | too fast | too hard | after | moved |"
-        " median, p95, most [deg] | later | to the human | solver failed | refused |\n"
-        "|---|---:|---:|---:|---:|---:|---:|---:|---|---|---|---:|---:|"
+        " median, p95, most [deg] | later | over 10 | to the human | solver failed | refused |\n"
+        "|---|---:|---:|---:|---:|---:|---:|---:|---|---|---|---|---:|---:|"
     )
     sums: dict[str, Sum] = {}
     for way in WAYS:
         for solver in dict.fromkeys(solver for solver, _ in table):
             one = Sum()
             for motion in table[solver, way]:
-                one.add(guard, motion)
+                one.add(guard, most, motion)
             sums[f"{way}, {solver}"] = one
             _row(f"{way}, {solver}", one)
         _row(f"{way}, all", _together([s for k, s in sums.items() if k.startswith(way)]))
@@ -228,6 +234,7 @@ def _row(name: str, one: Sum) -> None:
         f"| {name} | {one.frames} | {b['poses']} | {b['paths']} | {b['velocities']} |"
         f" {b['accelerations']} | {', '.join(str(a[kind]) for kind in BROKEN)} |"
         f" {np.mean(off > MOVED):.0%} | {_three(off)} | {_three(later)} |"
+        f" {(off > FAR).sum()}, {(np.concatenate(one.late) > FAR + 1e-6).sum()} |"
         f" {near:.4f}, {far:.4f} | {one.failed} | {one.refused} |",
         flush=True,
     )
