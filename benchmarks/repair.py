@@ -222,7 +222,8 @@ def say(guard: Guard, most: Limits, table: dict[tuple[str, str], list[Motion]]) 
                 one.add(guard, most, motion)
             sums[f"{way}, {solver}"] = one
             _row(f"{way}, {solver}", one)
-        _row(f"{way}, all", _together([s for k, s in sums.items() if k.startswith(way)]))
+        sums[f"{way}, all"] = _together([s for k, s in sums.items() if k.startswith(way)])
+        _row(f"{way}, all", sums[f"{way}, all"])
     _floors(robot, sums)
 
 

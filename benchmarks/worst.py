@@ -85,11 +85,11 @@ def main(
     known = sorted(p for p in cmu.rglob("*.amc.gz") if p.parent.name in subjects.split(","))
     it = Retargeter.load(folder)
     retargeted = [_retargeted(it, path) for path in tqdm(known, "retargeting", disable=None)]
-    number = 0
+    number, seen = 0, set()
     for kind, count in TAKEN.items():
         pairs = guarded if kind == "joint" else retargeted
         groups = [pairs] if kind != "joint" else _apart(pairs)
-        for pair, row in [one for group in groups for one in _worst(group, kind, count)]:
+        for pair, row in [one for group in groups for one in _worst(group, kind, count, seen)]:
             number += 1
             path = out / f"{number:02d}_{kind}_{pair.name.replace('/', '_')}.png"
             _strip(pair, row, path)
@@ -100,7 +100,7 @@ def main(
                 flush=True,
             )
     for kind, pairs in (("joint", guarded), ("trunk", retargeted)):
-        (pair, row), *_ = _worst(pairs, kind, 1)
+        (pair, row), *_ = _worst(pairs, kind, 1, set())
         path = out / f"{pair.door}_{pair.name.replace('/', '_')}.gif"
         _film(pair, row, path)
         print(path.name, flush=True)
@@ -134,9 +134,9 @@ def _apart(pairs: list[Pair]) -> list[list[Pair]]:
     return [[pair for pair in pairs if pair.name.startswith(f"{name}/")] for name in names]
 
 
-def _worst(pairs: list[Pair], kind: str, count: int) -> list[tuple[Pair, int]]:
-    """The clips with the worst frames, the worst first; none twice."""
-    found, seen = [], set()
+def _worst(pairs: list[Pair], kind: str, count: int, seen: set[str]) -> list[tuple[Pair, int]]:
+    """The clips with the worst frames, the worst first; none that was seen, which grows."""
+    found = []
     for pair in pairs:
         value = getattr(pair, kind)().copy()
         value[pair.motion.time < pair.motion.time[0] + 1.0] = 0.0
@@ -189,8 +189,8 @@ def _moments(pair: Pair, row: int, around: float, rate: float) -> np.ndarray:
 def _strip(pair: Pair, row: int, path: Path) -> None:
     times = _moments(pair, row, AROUND, (MOMENTS - 1) / (2.0 * AROUND))
     title = (
-        f"{pair.name.replace('/', ', ')}, {pair.door}; worst at {pair.motion.time[row]:.2f} s: joint "
-        f"{pair.joint()[row]:.0f}°, trunk {pair.trunk()[row]:.0f}° off"
+        f"{pair.name.replace('/', ', ')}, {pair.door}; worst at {pair.motion.time[row]:.2f} s: "
+        f"joint {pair.joint()[row]:.0f}°, trunk {pair.trunk()[row]:.0f}° off"
     )
     strip.draw(path, times, _rows(pair, times), title, camera.USUAL, 1500)
 
