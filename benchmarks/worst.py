@@ -152,13 +152,17 @@ def _worst(pairs: list[Pair], kind: str, count: int, seen: set[str]) -> list[tup
 
 
 def _rows(pair: Pair, times: np.ndarray) -> list[Row]:
-    """Human, wanted and certified at some moments."""
+    """Human, wanted and certified at some moments; between two rows joints move straight."""
     motion, chain = pair.motion, pair.robot.chain
-    at = np.searchsorted(motion.time, times - 1e-6).clip(0, len(motion.time) - 1)
+    at = np.searchsorted(motion.time, times + 1e-6, side="right") - 1
     rows = [Row("human", skeleton=motion.x[at])]
-    joint = pair.joint()[at]
+    wanted, made = (
+        np.stack([np.interp(times, motion.time, column) for column in q.T], axis=1)
+        for q in (motion.wanted, motion.q)
+    )
+    joint = np.degrees(np.abs(made - wanted)).max(axis=1)
     for label, q, colour in (
-        ("wanted", motion.wanted[at], WANTED), ("certified", motion.q[at], CERTIFIED),
+        ("wanted", wanted, WANTED), ("certified", made, CERTIFIED),
     ):  # fmt: skip
         clearance = batch.clearances(chain, q)
         note = [f"{c * 1e3:.1f} mm" for c in clearance]
