@@ -19,7 +19,10 @@ more than 10 degrees off, and how many a motion needs that keeps the limits in t
 left out, and goes as little beyond 10 degrees as can be. Floors (benchmarks/floor.py): over frames
 in collision, the medians of what some joint must turn by the lengths of links, of the
 clear pose nearest by the joint farthest off, of the one nearest in the guard's weights, and of what
-the guard did. Motions are kept in --keep, one file each; what is there is not made again.
+the guard did.
+
+Motions are kept in --keep, one file each: what solvers made is not made again, what the guard makes
+of it is.
 """
 
 from collections import Counter
@@ -45,6 +48,7 @@ from s3le.plan import chase, weights
 from s3le.plan.limits import Limits, limits
 from s3le.robot.robot import Robot
 from s3le.skeleton import cosine_distance
+from s3le.store import atomic
 
 RATE, SOLVES = 30.0, 4  # [Hz]; quadratic programs a frame
 TILT = 89.0  # [deg], for one of the clips crawls
@@ -109,7 +113,7 @@ def found(demo: Path, cmu: Path) -> list[Path]:
 def repaired(
     guard: Guard, asked: Claim, solver: str, clip: Path, most: int, keep: Path
 ) -> dict[str, Motion]:
-    """One clip by one solver, each way; from where it is kept, or made."""
+    """One clip by one solver, each way, and what the guard makes of it."""
     robot, name = guard.robot, clip.name.split(".")[0]
     at = {way: keep / robot.name / solver / f"{name}_{way}.npz" for way in WAYS}
     if not all(path.is_file() for path in at.values()):
@@ -126,14 +130,26 @@ def repaired(
         made["both"] = within(time, made["speed"], own)
         for way, path in at.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            q = mended(guard, f"{name}, {way}", time, made[way])
             failed = runs["speed" if way == "both" else way].failed
-            np.savez(path, time=time, x=x, wanted=made[way], q=q, failed=failed)
+            _save(path, time=time, x=x, wanted=made[way], failed=np.array(failed))
     out = {}
     for way, path in at.items():
         with np.load(path) as kept:
-            out[way] = Motion(*(kept[part] for part in Motion._fields))
+            given = {part: kept[part] for part in ("time", "x", "wanted", "failed")}
+        q = mended(guard, f"{name}, {way}", given["time"], given["wanted"])
+        _save(path, **given, q=q)
+        out[way] = Motion(**given, q=q)
     return out
+
+
+def _save(path: Path, **arrays: np.ndarray) -> None:
+    """Whole or not at all."""
+
+    def write(part: Path) -> None:
+        with part.open("wb") as stream:
+            np.savez(stream, **arrays)
+
+    atomic.replace(path, write)
 
 
 def within(time: np.ndarray, q: np.ndarray, most) -> np.ndarray:
