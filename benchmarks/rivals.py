@@ -77,7 +77,7 @@ def main(
         ours = _ours(it, x, times)
         _say(it, ours, x, times)
         for name, solve in _rivals(robot, 1.0 / rate, it.speed):
-            _say(it, _follow(name, solve, robot, x, ours.q[0]), x, times)
+            _say(it, followed(name, solve, robot, x, ours.q[0]), x, times)
 
 
 def _ours(it: Retargeter, x: np.ndarray, times: np.ndarray) -> Run:
@@ -85,9 +85,10 @@ def _ours(it: Retargeter, x: np.ndarray, times: np.ndarray) -> Run:
     return Run("s3le: look up, refine, certify", made.q, made.seconds, 0)
 
 
-def _follow(name: str, solve: Solve, robot: Robot, x: np.ndarray, start: np.ndarray) -> Run:
+def followed(name: str, solve: Solve, robot: Robot, x: np.ndarray, start: np.ndarray) -> Run:
+    """What a solver makes of skeletons x (n, 21), from a pose [rad] on."""
     q, rows, seconds, failed = start.copy(), [], [], 0
-    goals = _targets(robot, x)
+    goals = targets(robot, x)
     for goal in goals:
         began = time.perf_counter()
         try:
@@ -101,7 +102,7 @@ def _follow(name: str, solve: Solve, robot: Robot, x: np.ndarray, start: np.ndar
     return Run(name, np.array(rows), np.array(seconds), failed)
 
 
-def _targets(robot: Robot, x: np.ndarray) -> np.ndarray:
+def targets(robot: Robot, x: np.ndarray) -> np.ndarray:
     """Where the six points are to be [m], in the robot's base frame, (n, 6, 3)."""
     at = _points(robot)
     at["neck"] = 0.5 * (at["r_shoulder"] + at["l_shoulder"])
@@ -127,7 +128,7 @@ def _points(robot: Robot) -> dict[str, np.ndarray]:
 
 def _rivals(robot: Robot, dt: float, speed: np.ndarray) -> Iterator[tuple[str, Solve]]:
     """Those that are installed."""
-    for name, make in (("mink", _mink), ("pink", _pink)):
+    for name, make in (("mink", mink_solver), ("pink", pink_solver)):
         for solves in (1, 10):
             try:
                 solve = make(robot, dt, speed, solves)
@@ -137,7 +138,8 @@ def _rivals(robot: Robot, dt: float, speed: np.ndarray) -> Iterator[tuple[str, S
             yield f"{name}, collision limit, {solves} a frame", solve
 
 
-def _mink(robot: Robot, dt: float, speed: np.ndarray, solves: int) -> Solve:
+def mink_solver(robot: Robot, dt: float, speed: np.ndarray, solves: int) -> Solve:
+    """By mink; speed: limits [rad/s], (n,); solves: quadratic programs in dt [s]."""
     import mink
 
     spec = spec_of(robot)
@@ -177,7 +179,8 @@ def _mink(robot: Robot, dt: float, speed: np.ndarray, solves: int) -> Solve:
     return solve
 
 
-def _pink(robot: Robot, dt: float, speed: np.ndarray, solves: int) -> Solve:
+def pink_solver(robot: Robot, dt: float, speed: np.ndarray, solves: int) -> Solve:
+    """By pink; see mink_solver."""
     import pink
     import pinocchio as pin
     from pink.barriers import SelfCollisionBarrier

@@ -1,4 +1,4 @@
-"""The independent judge: it sees what is wrong, and in what the retargeter does it sees nothing."""
+"""The independent judge: it sees what is wrong, and in what is certified it sees nothing."""
 
 import json
 import sys
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streaming import retargeter, stored
+from streaming import motion, retargeter, stored
 from worlds import MARGIN, coman, inside_limits
 
 from s3le.errors import ParameterError
@@ -18,7 +18,9 @@ from s3le.robot.certificate import placements
 from s3le.safety.paths import CERTIFIED, certify
 
 ROOT = Path(__file__).parents[1]
-NAMES = ("engines", "continuous", "judging", "streams", "shards", "hunt", "run")
+NAMES = (
+    "engines", "continuous", "judging", "streams", "plans", "joints", "shards", "hunt", "run",
+)  # fmt: skip
 STEPS, STEPS_BY_MUJOCO, STEPS_BY_HPP, STEPS_UNGUARDED = 5000, 500, 1000, 250
 SAME = 1e-9  # [m], two engines on the same capsules
 
@@ -64,11 +66,14 @@ def scripts(rooms):
 
 @pytest.fixture(scope="module")
 def steps(rooms):
-    """The first 5,000 steps of them: q0, q1, dt, and the same with the guard off."""
+    """The first 5,000 steps of them: q0, q1, dt, free0, free1, mode, what went before."""
     rows = []
     for it, script in scripts(rooms):
         made = rooms.streams.drive(it, script)
-        rows += zip(made.q0, made.q1, made.dt, made.free0, made.free1, made.mode, strict=True)
+        came = [made.came(i) for i in range(len(made.q1))]
+        rows += zip(
+            made.q0, made.q1, made.dt, made.free0, made.free1, made.mode, came, strict=True
+        )  # fmt: skip
         if len(rows) >= STEPS:
             return rows[:STEPS]
     raise AssertionError("too few steps")
@@ -84,8 +89,9 @@ def heard(judge, rows):
 
 
 def test_coal_sees_no_broken_promise_in_thousands_of_steps_near_contact(coal, steps):
-    seen, broken = heard(coal, [row[:3] for row in steps])
+    seen, broken = heard(coal, [(*row[:3], row[6]) for row in steps])
     assert not broken
+    assert 0.999 < max(one.hardest for one in seen) <= 1.0 + 1e-9
     near = np.mean([one.clearance < 0.005 for one in seen])
     assert len(seen) == STEPS and near > 0.5  # [m]
     assert min(one.clearance for one in seen) < MARGIN  # some pass where no pose may stay
@@ -262,6 +268,12 @@ def test_each_promise_that_is_broken_is_named(coal):
     out = anchor + np.eye(11)[1] * 5.0
     assert {"limits", "speed"} <= set(coal.step(anchor, out, np.inf).broken)
     assert set(coal.step(anchor, np.where(anchor, np.nan, 0.0), 1.0).broken) >= {"collision"}
+    came = type("Came", (), {"v": np.eye(11)[0] * 1.0, "dt": 1 / 30})
+    hard = coal.step(anchor, moved, 1 / 30, came)  # from 1 to 3 rad/s in 1/30 s
+    assert hard.broken == () and hard.hardest == pytest.approx(1.0)
+    assert coal.step(anchor, moved * (1.0 + 1e-8), 1 / 30, came).broken == ("acceleration",)
+    came.dt = np.nan  # nothing is promised of what went before
+    assert coal.step(anchor, moved * (1.0 + 1e-8), 1 / 30, came).broken == ()
     down = coal.step(anchor, arms_down, 1.0)
     assert down.broken == ("collision", "between", "margin") and down.end < 0.0
     assert coal.step(arms_down, anchor, 1.0).broken == ("collision", "between")
@@ -280,6 +292,156 @@ def test_a_clearance_between_the_margins_is_for_paths_alone(coal):
     assert coal.step(pose, anchor, 1.0).broken == ()
 
 
+# --- whole motions, and joint motions through the guard
+
+
+@pytest.fixture(scope="module")
+def clips():
+    """A motion through the body as a clip, at two rates."""
+    return [(30.0, motion(240, 3)), (120.0, motion(480, 4))]
+
+
+@pytest.fixture(scope="module")
+def planned(rooms, clips):
+    """Whole motions by two retargeters."""
+    its = retargeter(), retargeter(target=MARGIN, check=False)
+    return list(collected(lambda it, rng: rooms.plans.drive(
+        it, rooms.plans.draw(it, rng, clips)), its, 600))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def guards(rooms):
+    return [rooms.joints.guards_of(coman(), close) for close in (False, True)]
+
+
+@pytest.fixture(scope="module")
+def guarded(rooms, clips, guards):
+    """Joint motions by two guards."""
+    return list(collected(lambda its, rng: rooms.joints.drive(
+        its, rooms.joints.draw(retargeter(), rng, clips)), guards, 1500))  # fmt: skip
+
+
+def collected(drive, its, least):
+    """Scripts until there are so many steps."""
+    number = steps = 0
+    while steps < least:
+        made = drive(its[number % 2], np.random.default_rng([8, number]))
+        number, steps = number + 1, steps + len(made.q1)
+        yield made
+
+
+def verdicts(judge, scripts, led=False):
+    """What is seen of all steps, those that lead out or the others."""
+    return [
+        judge.step(made.q0[i], made.q1[i], float(made.dt[i]), made.came(i))
+        for made in scripts
+        for i in range(len(made.q1))
+        if made.led[i] == led
+    ]
+
+
+def breaks(seen):
+    return Counter(kind for one in seen for kind in one.broken)
+
+
+def unguarded(scripts):
+    """The same inputs as they would be driven with the guard off."""
+    return [made._replace(q0=made.free0, q1=made.free1) for made in scripts[::3]]
+
+
+def judges(rooms, rounding):
+    promise = rooms.judging.promise_of(retargeter())._replace(rounding=rounding)
+    return rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman()))
+
+
+def test_no_step_of_a_planned_file_breaks_a_promise_and_unplanned_they_do(rooms, planned):
+    judge = judges(rooms, rooms.shards.PLANS_ROUND)
+    seen = verdicts(judge, planned)
+    assert len(seen) >= 600 and not breaks(seen)
+    assert max(one.speed for one in seen) > 0.999 and max(one.hardest for one in seen) > 0.999
+    assert np.mean([one.clearance < 0.005 for one in seen]) > 0.2
+    off = breaks(verdicts(judge, unguarded(planned)))
+    assert off["speed"] > len(seen) / 30 and off["acceleration"] > 0 and off["collision"] > 0
+
+
+def test_no_step_of_a_guarded_joint_motion_breaks_a_promise_and_unguarded_they_do(rooms, guarded):
+    judge = judges(rooms, rooms.shards.FILES_ROUND)
+    seen, led = verdicts(judge, guarded), verdicts(judge, guarded, led=True)
+    assert len(seen) > 800 and not breaks(seen)
+    assert led and not {"speed", "acceleration", "held"} & set(breaks(led))
+    assert not [words for made in guarded for words in made.wrong]
+    assert sum(made.refused for made in guarded) > 10
+    modes = {str(mode) for made in guarded for mode in made.mode}
+    assert {"as", "slowed", "moved", "guarded", "leading", "braked"} <= modes
+    off = breaks(verdicts(judge, unguarded(guarded)))
+    for kind in ("collision", "margin", "limits", "speed", "acceleration"):
+        assert off[kind] > 3, kind
+
+
+def test_every_door_of_the_guard_is_tried(rooms, clips):
+    doors = Counter(
+        rooms.joints.draw(retargeter(), np.random.default_rng([8, i]), clips).door
+        for i in range(20)
+    )
+    assert set(doors) == set(rooms.joints.DOORS)
+
+
+def test_a_guard_that_answers_what_it_must_refuse_is_found_out(rooms, clips, guards, monkeypatch):
+    live, rng = guards[0].live, np.random.default_rng(5)
+    step = live.step
+
+    def forgiving(wanted, dt, measured=None):
+        return step(live.q, dt if 1e-6 <= dt < 1.0 else 0.1)
+
+    q = rooms.streams.smooth(retargeter(), rng, 60, 10)
+    times = np.arange(60) / 30
+    wanted = [rooms.joints.Wanted("step", coman().anchor, q, times, seed) for seed in range(6)]
+    assert not [words for one in wanted for words in rooms.joints.drive(guards[0], one).wrong]
+    monkeypatch.setattr(live, "step", forgiving)
+    found = [words for one in wanted for words in rooms.joints.drive(guards[0], one).wrong]
+    assert found and all("had to be refused" in words for words in found)
+
+
+def test_a_guard_that_refuses_what_it_must_answer_is_found_out(rooms, guards, monkeypatch):
+    def strict(*given):
+        raise ParameterError("no")
+
+    monkeypatch.setattr(guards[0].live, "step", strict)
+    q = np.repeat(coman().anchor[None], 30, axis=0)
+    wanted = rooms.joints.Wanted("step", coman().anchor, q, np.arange(30) / 30, 1)
+    made = rooms.joints.drive(guards[0], wanted)
+    assert len(made.wrong) > 20 and "was refused: no" in made.wrong[0] and not len(made.q1)
+
+
+def test_what_a_robot_is_led_out_by_is_held_to_time_alone(rooms, court, monkeypatch):
+    it = court()
+    n, anchor, down = 11, coman().anchor, np.zeros(11)
+    step = np.stack([down, down + 0.01])
+
+    def script(led):
+        log = rooms.streams.Log(n)
+        for k in range(30):
+            log.add(step[k % 2], step[1 - k % 2], 1.0, "leading", k, (anchor, anchor), led=led)
+        return log.steps()
+
+    for led, least in ((True, 0), (False, 30)):
+        monkeypatch.setattr(it, "driven", lambda *of, led=led: script(led))
+        made = it.shard(1, 2)
+        assert made["kind"] == "joints" and made["violations"] == least
+        assert made["led_out"] == 30 * led and made["steps"] == 30
+
+
+def test_input_that_was_answered_and_should_not_have_been_is_a_violation(rooms, court, monkeypatch):
+    it, anchor = court(), coman().anchor
+    log = rooms.streams.Log(11)
+    for k in range(30):
+        log.add(anchor, anchor, 0.1, "as", k, (anchor, anchor))
+    log.wrong.append("row 3 had to be refused")
+    monkeypatch.setattr(it, "driven", lambda *of: log.steps())
+    made = it.shard(1, 2)
+    assert made["violations"] == 1 and made["first"][0]["broken"] == ["answered"]
+
+
 # --- shards, and the search
 
 
@@ -293,10 +455,10 @@ def court(rooms, monkeypatch):
         made = object.__new__(of_its_own)
         made.folder, made.source = Path(folder or "."), Path(source or ".")
         made.plain, made.close = retargeter(), retargeter(target=MARGIN, check=False)
-        made.clips, made.digest = [(30.0, stored()[1][:200])], "clips"
+        made.clips, made.digest = [(30.0, motion())], "clips"
         promise = rooms.judging.promise_of(made.plain)
-        made.coal = rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman()))
-        made.mujoco, made.hpp, made.versions = None, None, {"coal": "3"}
+        made.sit(promise, rooms.engines.Coal(coman()), None)
+        made.hpp, made.versions = None, {"coal": "3"}
         made.between, made.certifier = promise.between, coman().certifier()
         return made
 
@@ -321,8 +483,10 @@ def test_a_judgement_that_was_stopped_goes_on_and_ends_as_any_other(
 
     whole = judged("whole")
     assert whole["complete"] and whole["steps"] == 90 and whole["violations"] == 0
-    assert {"random", "adversarial", "real"} <= set(whole)
-    assert whole["all"]["coal"]["steps"] == 90 and whole["all"]["unguarded"]["steps"] == 6
+    assert {"random", "files", "joints"} <= set(whole)
+    led = whole["all"]["led_out"]
+    assert whole["all"]["coal"]["steps"] == 90 - led == whole["all"]["steps"] - led
+    assert all(whole[kind]["unguarded"]["steps"] == 2 for kind in ("random", "files"))
     perform, made = rooms.run.perform, []
 
     def interrupted(*of):

@@ -297,11 +297,14 @@ def test_a_motion_is_followed_as_a_stream_would():
 
 @pytest.mark.parametrize("look_ahead", [False, True])
 def test_a_motion_may_begin_with_frames_that_cannot_be_used(look_ahead):
-    x = motion()[:10].copy()
+    x, times, it = motion()[5:30].copy(), np.arange(25) * DT, retargeter()
     x[:3] = np.nan
-    found = follow(retargeter(), x, np.arange(10) * DT, look_ahead=look_ahead)
+    found = follow(it, x, times, look_ahead=look_ahead)
     assert (found.mode[:3] == Mode.DROPPED).all() and found.mode[3] == Mode.START
-    assert (found.q[:3] == found.q[3]).all()
+    assert np.isnan(found.distance[:3]).all() and np.isfinite(found.distance[3:]).all()
+    held_to_its_word(found.q, np.diff(times))
+    # It does not start at speed where it is first seen, though the human moves by then.
+    assert not limits.broken(times, found.q, it.most).any()
 
 
 @pytest.mark.parametrize("look_ahead", [False, True])

@@ -1,4 +1,4 @@
-"""The independent judge: does what a retargeter did keep what it promises? By dense samples.
+"""The independent judge: does what was done keep what is promised of it? By dense samples.
 
 A step is the straight joint path from one pose to the next. It is sampled so densely that no point
 of any body moves more than 1 mm between two samples, and an engine that shares nothing with the
@@ -23,17 +23,27 @@ STEP = 0.001  # [m], most that a point of a body moves between two samples
 FAR = 0.005  # [m], pairs that stay farther apart than this are not sampled
 PART = 64  # samples for which it is settled at once which pairs are near
 SHORTEST, LONGEST = 1e-6, 1.0  # [s], as promised: below, nothing moves; above, no more than in this
-KINDS = ("collision", "between", "margin", "limits", "speed", "held")
+KINDS = ("collision", "between", "margin", "limits", "speed", "acceleration", "held")
+_FLOATS = 4.0 * np.finfo(float).eps  # of a second difference of angles, of the largest angle
 
 
 class Promise(NamedTuple):
-    """What a retargeter says of every step."""
+    """What is said of every step."""
 
     margin: float  # [m], clearance at both ends
     between: float  # [m], and on the path between
     speed: np.ndarray  # [rad/s], (n_dof,), most that each joint does
     lower: np.ndarray  # [rad], (n_dof,)
     upper: np.ndarray  # [rad], (n_dof,)
+    acceleration: np.ndarray  # [rad/s^2], (n_dof,), from step to step
+    rounding: float = 0.0  # share by which a speed may exceed its limit; of accelerations 1e-9 more
+
+
+class Came(NamedTuple):
+    """How the robot came to where a step begins."""
+
+    v: np.ndarray  # [rad/s], (n_dof,), its speed in the step before
+    dt: float  # [s], duration of that step; NaN: nothing is promised of the change
 
 
 class Verdict(NamedTuple):
@@ -45,6 +55,7 @@ class Verdict(NamedTuple):
     t: float  # share of the path where it was least
     pair: int  # row of the watched pair; -1: nothing was near
     speed: float  # highest share of a joint's speed limit
+    hardest: float  # and of its acceleration limit; 0: not looked at
     poses: int  # samples
     checks: int  # distances measured
 
@@ -66,22 +77,37 @@ class Judge:
         # A joint that moves both bodies of a pair moves neither as seen from the other.
         self._apart = np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0)  # (p, n_dof)
 
-    def step(self, q0: np.ndarray, q1: np.ndarray, dt: float) -> Verdict:
-        """Judge the step from q0 to q1 [rad], each (n_dof,), that took dt [s]."""
+    def step(self, q0: np.ndarray, q1: np.ndarray, dt: float, came: Came | None = None) -> Verdict:
+        """Judge the step from q0 to q1 [rad], each (n_dof,), that took dt [s].
+
+        Args:
+            q0, q1, dt: the step.
+            came: what went before; None: its acceleration is not looked at.
+        """
         promise, moved = self._promise, np.abs(q1 - q0)
         broken = []
         if not (np.isfinite([q0, q1]).all() and np.abs([q0, q1]).max() < 1e3):
-            return Verdict(KINDS, np.nan, np.nan, np.nan, -1, np.nan, 0, 0)
+            return Verdict(KINDS, np.nan, np.nan, np.nan, -1, np.nan, np.nan, 0, 0)
         if not ((promise.lower <= q1) & (q1 <= promise.upper)).all():
             broken.append("limits")
         ratio = 0.0
         if dt >= SHORTEST:  # NaN: no time passed
             most = promise.speed * min(dt, LONGEST)
             ratio = float((moved / most).max())
-            if not (moved <= most).all():
+            if not (moved <= most * (1.0 + promise.rounding)).all():
                 broken.append("speed")
         elif moved.any():
             broken.append("held")
+        hardest = 0.0
+        if came is not None and dt >= SHORTEST and came.dt >= SHORTEST:
+            before, now = min(came.dt, LONGEST), min(dt, LONGEST)
+            mean = 0.5 * (before + now)
+            hard = np.abs((q1 - q0) / now - came.v) / mean
+            # Angles are floats: at 1 MHz their last digit is an acceleration.
+            fine = _FLOATS * np.abs([q0, q1]).max() / (min(before, now) * mean)
+            hardest = float((np.maximum(hard - fine, 0.0) / promise.acceleration).max())
+            if not hardest <= 1.0 + promise.rounding + 1e-9:
+                broken.append("acceleration")
         seen = self.path(q0, q1)
         if not seen.clearance > 0.0:
             broken.append("collision")
@@ -89,7 +115,7 @@ class Judge:
             broken.append("between")
         if not seen.end >= promise.margin - self.engine.agrees:
             broken.append("margin")
-        return seen._replace(broken=tuple(broken), speed=ratio)
+        return seen._replace(broken=tuple(broken), speed=ratio, hardest=hardest)
 
     def path(self, q0: np.ndarray, q1: np.ndarray) -> Verdict:
         """Look at the straight path from q0 to q1 [rad], finite, both ends included."""
@@ -109,7 +135,7 @@ class Judge:
         at = int(np.argmin(least))  # the first NaN, if any
         return Verdict(
             (), min(float(least[at]), FAR), min(float(least[-1]), FAR), at / max(len(q) - 1, 1),
-            int(pair[at]), np.nan, poses, checks,
+            int(pair[at]), np.nan, 0.0, poses, checks,
         )  # fmt: skip
 
     def samples(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
@@ -129,5 +155,5 @@ def promise_of(retargeter) -> Promise:
     robot = retargeter.robot
     return Promise(
         robot.margin, float(retargeter.settings.between), np.array(retargeter.speed),
-        robot.lower, robot.upper,
+        robot.lower, robot.upper, np.array(retargeter.most.acceleration),
     )  # fmt: skip

@@ -1,4 +1,6 @@
-"""`make judge`: up to a million steps of the exported retargeter before an independent judge.
+"""`make judge`: up to a million steps before an independent judge.
+
+Streams and whole motions of the exported retargeter, and joint motions through its robot's guard.
 
 Work is cut into shards, each determined by the seed and its number. A shard that was judged with
 the same code, retargeter, seed and clips (data/judge/<key>) is not judged again, so a run that was
@@ -36,7 +38,10 @@ ROOT = HERE.parents[1]
 WORK, REPORTS = Path("data/judge"), Path("reports/judge")
 FOLDER, FRAMES = Path("data/retargeter"), Path("data/skeletons.parquet")
 # What decides a shard.
-JUDGED_BY = ("continuous.py", "engines.py", "judging.py", "shards.py", "streams.py")
+JUDGED_BY = (
+    "continuous.py", "engines.py", "joints.py", "judging.py", "plans.py", "shards.py", "streams.py",
+)  # fmt: skip
+DOORS = ("s3le.retarget.stream", "s3le.retarget.follow", "s3le.guard.guard", "s3le.guard.task")
 EXAMPLES = """
 
 Examples:
@@ -66,7 +71,7 @@ def main(
     reports: Annotated[Path, typer.Option(help="where the record is written")] = REPORTS,
     work: Annotated[Path, typer.Option(help="where shards are kept")] = WORK,
 ) -> None:
-    """Judge what the retargeter does, step by step; exit status 1 if a promise is broken."""
+    """Judge what retargeter and guard do, step by step; exit status 1 if a promise is broken."""
     try:
         court = shards.Court(folder, clips or FRAMES)
     except S3leError as error:
@@ -94,6 +99,7 @@ def main(
     found = total([done[i] for i in sorted(done)])
     found = {"complete": len(done) == count, "steps_planned": count * shards.STEPS} | found
     documents.write_json(about | found, reports / "steps.json")
+    _pace(done.values())
     raise SystemExit(_say(found, reports / "steps.json"))
 
 
@@ -122,11 +128,12 @@ def perform(court: shards.Court, seed: int, todo: Iterable[int], workers: int) -
 def key(court: shards.Court, seed: int) -> str:
     """What decides the content of the shards: code, retargeter, clips, seed, engines.
 
-    The code is what a stream runs on, and the judge's own; the readers of clips speak through
-    the frames that they gave.
+    The code is what streams, files and guards run on, and the judge's own; the readers of clips
+    speak through the frames that they gave.
     """
     digest = hashlib.sha256()
-    for path in sorted([*closure("s3le.retarget.stream"), *(HERE / n for n in JUDGED_BY)]):
+    code = set().union(*map(closure, DOORS))
+    for path in sorted([*code, *(HERE / n for n in JUDGED_BY)]):
         digest.update(path.read_bytes())
     digest.update((court.folder / "retargeter.json").read_bytes())
     digest.update(json.dumps([court.digest, seed, shards.STEPS, court.versions]).encode())
@@ -169,8 +176,11 @@ def total(parts: list[dict[str, Any]]) -> dict[str, Any]:
                 row[name] = {count: sum(one[count] for one in said) for count in said[0]}
         row["near_share"] = round(sum(part["near"] for part in mine) / count, 4)
         row["fastest_of_limit"] = max(part["fastest"] for part in mine)
+        row["hardest_of_limit"] = max(part["hardest"] for part in mine)
         row["modes"] = {mode: round(n / count, 5) for mode, n in modes.most_common()}
-        row["refused_frames"] = sum(part["refused"] for part in mine)
+        row["refused"] = sum(part["refused"] for part in mine)  # frames, rows, chunks, or files
+        row["scripts"] = sum(part["scripts"] for part in mine)
+        row["led_out"] = sum(part["led_out"] for part in mine)
         out[kind] = row
     out["first"] = [one for part in parts for one in part["first"]][:10]
     return out
@@ -191,6 +201,16 @@ def _say(found: dict[str, Any], path: Path) -> int:
     for one in found["first"][:3]:
         typer.echo(f"  {', '.join(one['broken'])}: {one['where']}")
     return 1 if found["violations"] else 0
+
+
+def _pace(parts: Iterable[dict[str, Any]]) -> None:
+    """Print how fast each kind of shard was judged, its making included, on one core."""
+    steps, seconds = Counter(), Counter()
+    for part in parts:
+        steps[part["kind"]] += part["steps"]
+        seconds[part["kind"]] += part["seconds"]
+    for kind, count in steps.items():
+        typer.echo(f"  {kind}: {count} steps, {count / seconds[kind]:.0f} a second and core")
 
 
 def _bar(total: float, unit: str, initial: float = 0) -> tqdm:

@@ -1,18 +1,25 @@
-"""One shard of the judgement: streams drawn from its number, followed, and every step judged."""
+"""One shard of the judgement: motions drawn from its number, followed, and every step judged.
+
+A third of the shards are streams of skeletons, a third whole motions by the file door, a third
+joint motions through the guard; in a cycle of CYCLE, the settings alternating from one to the next.
+"""
 
 import hashlib
 import signal
+import time
 from collections import Counter
 from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import joints
 import numpy as np
+import plans
 import streams
 from continuous import Continuous, Heard, installed
 from engines import Coal, Mujoco, mujoco
-from judging import FAR, Judge, Verdict, promise_of
+from judging import FAR, Judge, Promise, Verdict, promise_of
 
 from s3le.errors import BundleError, ClipError
 from s3le.human.skeletons import read_frames
@@ -21,6 +28,13 @@ from s3le.retarget.stream import Retargeter
 from s3le.store import tables
 
 STEPS = 1000  # of a shard
+FILES, JOINTS = "files", "joints"
+CYCLE = tuple(kind for one in streams.KINDS for kind in (one, FILES, JOINTS))
+FILES_ROUND = (
+    1e-6  # share by which a file's numbers may exceed a limit in time, as they are rounded
+)
+PLANS_ROUND = 1e-9
+IN_TIME = ("speed", "acceleration", "held")  # what a robot is held to that is led out
 MUJOCO_EVERY = 10  # one step in so many is judged by MuJoCo too
 HPP_EVERY = 5  # and one in so many proven by HPP
 UNGUARDED_EVERY = 20  # and one in so many as it would be with the guard off
@@ -53,13 +67,42 @@ class Court:
             digest.update(np.float64(rate).tobytes() + x.tobytes())
         self.digest = digest.hexdigest()
         robot, promise = self.plain.robot, promise_of(self.plain)
-        self.coal = Judge(robot, promise, Coal(robot))
-        self.mujoco = Judge(robot, promise, Mujoco(robot)) if mujoco else None
+        self.sit(promise, Coal(robot), Mujoco(robot) if mujoco else None)
         self.between = promise.between
         self.hpp = Continuous(robot, self.between) if installed() else None
         self.certifier = robot.certifier()
         names = ["coal", "pin"] + ["mujoco"] * bool(mujoco) + ["hpp-core"] * bool(self.hpp)
         self.versions = {name: version(name) for name in names}
+
+    def sit(self, promise: Promise, coal: Coal, mujoco: Mujoco | None) -> None:
+        """Appoint judges for what is promised of streams, of files and of guarded joints."""
+        robot, self.guards = self.plain.robot, {}
+        rounded = {
+            **dict.fromkeys(streams.KINDS, promise),
+            FILES: promise._replace(rounding=PLANS_ROUND),
+            JOINTS: promise._replace(rounding=FILES_ROUND),
+        }
+        self.coals = {kind: Judge(robot, one, coal) for kind, one in rounded.items()}
+        self.mujocos = (
+            {kind: Judge(robot, one, mujoco) for kind, one in rounded.items()} if mujoco else {}
+        )
+        self.coal = self.coals[streams.KINDS[0]]
+        self.mujoco = self.mujocos.get(streams.KINDS[0])
+
+    def driven(self, kind: str, close: bool, rng: np.random.Generator) -> streams.Steps:
+        """What is made of one script of a kind.
+
+        Raises:
+            Exception: whatever comes but what is documented.
+        """
+        it = self.close if close else self.plain
+        if kind == FILES:
+            return plans.drive(it, plans.draw(it, rng, self.clips))
+        if kind == JOINTS:
+            if close not in self.guards:
+                self.guards[close] = joints.guards_of(it.robot, close)
+            return joints.drive(self.guards[close], joints.draw(self.plain, rng, self.clips))
+        return streams.drive(it, streams.draw(kind, it, rng, self.clips))
 
     def proven(self, heard: Heard, q0: np.ndarray, q1: np.ndarray, seen: Verdict) -> bool:
         """Let HPP look at a path that coal has judged; True where it refuses it."""
@@ -74,56 +117,74 @@ class Court:
 
     def shard(self, seed: int, number: int) -> dict[str, Any]:
         """Judge a shard."""
-        kind = streams.KINDS[number % len(streams.KINDS)]
-        it = self.close if number // len(streams.KINDS) % 2 else self.plain
+        kind, began = CYCLE[number % len(CYCLE)], time.process_time()
+        close = bool(number // len(CYCLE) % 2)
         rng = np.random.default_rng(np.random.SeedSequence([seed, number]))
         tally = {name: Tally() for name in ("coal", "mujoco", "unguarded")}
         heard = {name: Heard() for name in ("hpp", "hpp_unguarded")}
+        coal, mujoco = self.coals[kind], self.mujocos.get(kind)
         modes: Counter = Counter()
-        count = refused = near = 0
-        fastest, first = 0.0, []
+        count = refused = near = scripts = led = 0
+        fastest = hardest = 0.0
+        first: list[dict[str, Any]] = []
         while count < STEPS:
-            script = streams.draw(kind, it, rng, self.clips)
+            scripts += 1
             try:
-                made = streams.drive(it, script)
-            except Exception as escaped:  # the stream must survive every input
+                made = self.driven(kind, close, rng)
+            except Exception as escaped:  # the robot must survive every input
                 first.append({"broken": ["escaped"], "where": repr(escaped)[:300]})
                 count += 1
                 modes["escaped"] += 1
                 continue
             refused += made.refused
+            first += [{"broken": ["answered"], "where": words[:300]} for words in made.wrong]
             keep = slice(0, STEPS - count)
             modes.update(streams.shares(made.mode[keep]))
             for i in range(*keep.indices(len(made.q1))):
                 path = made.q0[i], made.q1[i], float(made.dt[i])
-                seen = tally["coal"].add(self.coal.step(*path))
+                seen = coal.step(*path, made.came(i))
+                fastest, hardest = max(fastest, seen.speed), max(hardest, seen.hardest)
+                if made.led[i]:  # it begins where nothing holds
+                    led += 1
+                    broken = tuple(one for one in seen.broken if one in IN_TIME)
+                    if broken:
+                        first.append(written(self.plain, made, i, broken, seen))
+                    count += 1
+                    continue
+                tally["coal"].add(seen)
                 near += seen.clearance < FAR
-                fastest = max(fastest, seen.speed)
                 broken = seen.broken
-                if self.mujoco and count % MUJOCO_EVERY == 0:
-                    broken += tally["mujoco"].add(self.mujoco.step(*path)).broken
+                if mujoco and count % MUJOCO_EVERY == 0:
+                    broken += tally["mujoco"].add(mujoco.step(*path, made.came(i))).broken
                 if self.hpp and count % HPP_EVERY == 0:
                     if self.proven(heard["hpp"], *path[:2], seen):
                         broken += ("refused",)
                 if count % UNGUARDED_EVERY == 0:
                     free = made.free0[i], made.free1[i]
-                    off = tally["unguarded"].add(self.coal.step(*free, path[2]))
+                    off = tally["unguarded"].add(coal.step(*free, path[2]))
                     if self.hpp:
                         self.proven(heard["hpp_unguarded"], *free, off)
                 if broken:
                     first.append(written(self.plain, made, i, broken, seen))
                 count += 1
-        return {
-            "number": number,
-            "kind": kind,
-            "steps": count,
-            "refused": refused,
-            "modes": dict(modes),
-            "near": int(near),
-            "fastest": fastest,
-            "violations": len(first),
-            "first": first[:KEPT],
-        } | {name: one.record() for name, one in (tally | heard).items() if one.steps}
+        return (
+            {
+                "number": number,
+                "kind": kind,
+                "steps": count,
+                "scripts": scripts,
+                "refused": refused,
+                "led_out": led,
+                "modes": dict(modes),
+                "near": int(near),
+                "fastest": fastest,
+                "hardest": hardest,
+                "seconds": round(time.process_time() - began, 3),  # is no part of the record
+                "violations": len(first),
+                "first": first[:KEPT],
+            }
+            | {name: one.record() for name, one in (tally | heard).items() if one.steps}
+        )
 
 
 class Tally:
@@ -165,11 +226,14 @@ def written(
     return {
         "broken": list(broken),
         "where": f"{name}, {seen.clearance * 1e3:.4f} mm at {seen.t:.3f} of a step of "
-        f"{made.dt[i]!r} s, {seen.speed:.3f} of the speed limit",
+        f"{made.dt[i]!r} s, {seen.speed:.3f} of the speed limit, {seen.hardest:.3f} of the "
+        "acceleration's",
         "mode": str(made.mode[i]),
         "q0": [float(v).hex() for v in made.q0[i]],
         "q1": [float(v).hex() for v in made.q1[i]],
         "dt": float(made.dt[i]).hex(),
+        "v0": [float(v).hex() for v in made.v0[i]],
+        "dt0": float(made.dt0[i]).hex(),
     }
 
 

@@ -16,6 +16,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from judging import LONGEST, SHORTEST, Came
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
@@ -45,6 +46,70 @@ class Steps(NamedTuple):
     free0: np.ndarray  # [rad], (n, n_dof), the same step with the guard off: from the pose that
     free1: np.ndarray  # [rad], (n, n_dof), was wanted before to the one wanted now
     refused: int  # frames that were answered by the documented error
+    v0: np.ndarray  # [rad/s], (n, n_dof), speed of the step before
+    dt0: np.ndarray  # [s], (n,), its duration; NaN: no acceleration is promised here
+    led: np.ndarray  # bool (n,), leads out of where nothing holds: time alone is judged
+    wrong: tuple[str, ...] = ()  # what was answered though it had to be refused, or the like
+
+    def came(self, i: int) -> Came:
+        """How the robot came to where step i begins."""
+        return Came(self.v0[i], float(self.dt0[i]))
+
+
+class Log:
+    """Steps as they come, with the speed at which each begins."""
+
+    def __init__(self, n_dof: int) -> None:
+        """Nothing yet; the robot stands, for as long as the first step takes."""
+        self.refused, self.wrong = 0, []
+        self._n, self._rows = n_dof, []
+        self._v, self._dt = np.zeros(n_dof), None
+
+    def add(
+        self,
+        q0: np.ndarray,
+        q1: np.ndarray,
+        dt: float,
+        mode: str,
+        frame: int,
+        free: tuple[np.ndarray, np.ndarray],
+        *,
+        smooth: bool = True,
+        led: bool = False,
+    ) -> None:
+        """Note a step.
+
+        Args:
+            q0, q1, dt, mode, frame: see Steps.
+            free: free0 and free1.
+            smooth: its acceleration is promised.
+            led: see Steps.
+        """
+        took = min(dt, LONGEST) if dt >= SHORTEST else np.nan  # NaN: no time passed
+        before = took if self._dt is None else self._dt
+        known = before if smooth else np.nan
+        self._rows.append((q0, q1, dt, mode, frame, *free, self._v, known, led))
+        if took > 0.0:
+            self._v, self._dt = (q1 - q0) / took, took
+
+    def jumped(self) -> None:
+        """Where the robot is now nothing led: it stands."""
+        self._v, self._dt = np.zeros(self._n), None
+
+    def steps(self) -> Steps:
+        """All of them."""
+        if not self._rows:
+            none, no = np.empty((0, self._n)), np.empty(0)
+            return Steps(
+                none, none, no, no, no, none, none, self.refused, none, no,
+                np.empty(0, bool), tuple(self.wrong),
+            )  # fmt: skip
+        q0, q1, dt, mode, frame, free0, free1, v0, dt0, led = zip(*self._rows, strict=True)
+        return Steps(
+            np.array(q0), np.array(q1), np.array(dt, float), np.array(mode), np.array(frame),
+            np.array(free0), np.array(free1), self.refused, np.array(v0), np.array(dt0),
+            np.array(led), tuple(self.wrong),
+        )  # fmt: skip
 
 
 def swapped(x: np.ndarray) -> np.ndarray:
@@ -132,12 +197,17 @@ def targets(retargeter: Retargeter, rng: np.random.Generator, n: int) -> np.ndar
     return batch.skeletons(retargeter.robot.chain, poses(retargeter, rng, n))
 
 
+def smooth(retargeter: Retargeter, rng: np.random.Generator, rows: int, every: int) -> np.ndarray:
+    """Rows of a motion through the body [rad], (rows, n_dof): a pose every so many of them."""
+    knots = poses(retargeter, rng, rows // every + 2)
+    at = np.arange(rows) / every
+    share = (at % 1.0)[:, None] ** 2 * (3.0 - 2.0 * (at % 1.0)[:, None])
+    return (1.0 - share) * knots[at.astype(int)] + share * knots[at.astype(int) + 1]
+
+
 def _random(retargeter: Retargeter, rng: np.random.Generator) -> list:
     every = int(rng.integers(4, 16))
-    knots = poses(retargeter, rng, FRAMES // every + 2)
-    at = np.arange(FRAMES) / every
-    share = (at % 1.0)[:, None] ** 2 * (3.0 - 2.0 * (at % 1.0)[:, None])
-    q = (1.0 - share) * knots[at.astype(int)] + share * knots[at.astype(int) + 1]
+    q = smooth(retargeter, rng, FRAMES, every)
     dt = float(rng.choice([0.1, 1 / 30, 1 / 30, 1 / 30, 1 / 60, 1 / 120, 1 / 250]))
     return [(x, dt) for x in batch.skeletons(retargeter.robot.chain, q)]
 
@@ -161,16 +231,27 @@ def _adversarial(retargeter: Retargeter, rng: np.random.Generator) -> list:
     return frames
 
 
-def _real(rng: np.random.Generator, clips: Sequence[tuple[float, np.ndarray]]) -> list:
+def recorded(
+    rng: np.random.Generator, clips: Sequence[tuple[float, np.ndarray]], rows: int
+) -> tuple[np.ndarray, float]:
+    """Up to so many rows of a clip, (m, 21), and the time from one to the next [s].
+
+    It is played at up to four times its speed, mirrored or not, shaken or not.
+    """
     rate, x = clips[rng.integers(len(clips))]
     stride = max(1, int(rng.integers(1, 1 + max(1, round(rate / 20)))))
     x, dt = x[::stride], stride / rate / float(rng.choice([1.0, 1.0, 1.5, 2.0, 4.0]))
-    first = int(rng.integers(max(1, len(x) - FRAMES)))
-    x = x[first : first + FRAMES]
+    first = int(rng.integers(max(1, len(x) - rows)))
+    x = x[first : first + rows]
     if rng.random() < 0.5:
         x = mirrored(x)
     if rng.random() < 0.3:
         x = x + rng.normal(0.0, 0.1, x.shape)  # 3 cm at the end of a limb
+    return x, dt
+
+
+def _real(rng: np.random.Generator, clips: Sequence[tuple[float, np.ndarray]]) -> list:
+    x, dt = recorded(rng, clips, FRAMES)
     frames: list[tuple[np.ndarray | None, float]] = [(row, dt) for row in x]
     for i in range(1, len(frames)):
         if rng.random() < 0.02:
@@ -186,7 +267,7 @@ def drive(retargeter: Retargeter, script: Script) -> Steps:
     Raises:
         Exception: whatever the retargeter raises but the one documented refusal of a frame.
     """
-    stream, rows, refused = retargeter.start(script.start), [], 0
+    stream, log = retargeter.start(script.start), Log(retargeter.robot.n_dof)
     for i, (x, dt) in enumerate(script.frames):
         q0, free0 = stream.q, stream.wanted
         try:
@@ -194,18 +275,17 @@ def drive(retargeter: Retargeter, script: Script) -> Steps:
         except ParameterError:  # documented: neither a usable frame nor a pose yet
             if q0 is not None:
                 raise
-            refused += 1
+            log.refused += 1
             continue
         if q0 is None:  # nothing leads to the first pose
-            q0, free0, dt = made.q, stream.wanted, 1.0
-        rows.append((q0, made.q, dt, made.mode, i, free0, stream.wanted))
-    if not rows:
-        n_dof = retargeter.robot.n_dof
-        none = np.empty((0, n_dof))
-        return Steps(none, none, *np.empty((3, 0)), none, none, refused)
-    return Steps(*map(np.array, zip(*rows, strict=True)), refused)
+            log.add(made.q, made.q, 1.0, made.mode, i, (stream.wanted, stream.wanted))
+            log.jumped()
+            continue
+        smooth = made.mode is not Mode.HALTED
+        log.add(q0, made.q, float(dt), made.mode, i, (free0, stream.wanted), smooth=smooth)
+    return log.steps()
 
 
 def shares(mode: np.ndarray) -> dict[str, int]:
     """How many steps came about how."""
-    return {str(one): int((mode == one).sum()) for one in Mode if (mode == one).any()}
+    return {str(one): int((mode == one).sum()) for one in dict.fromkeys(mode.tolist())}

@@ -107,6 +107,10 @@ def follow(
         ) / fps  # fmt: skip
         first = 0
     first = first if start is None else 0
+    unseen = first  # rows before the human is seen
+    if look_ahead and unseen:  # who is seen then was there before, so the robot starts from rest
+        x = np.concatenate([x[first][None].repeat(first, axis=0), x[first:]])
+        first = 0
     dt = np.diff(times[first:], prepend=times[first] - 1.0 / fps)
     walk = retargeter.plan if look_ahead else partial(frame_by_frame, retargeter)
     made = walk(x[first:], dt, start, _late(progress, lead))
@@ -119,6 +123,9 @@ def follow(
         before.mode[:] = Mode.DROPPED
         before.distance[:], before.seconds[:] = np.nan, np.nan
         made = _stack(before, made)
+    elif unseen:
+        made.mode[:unseen], made.mode[unseen] = Mode.DROPPED, Mode.START
+        made.distance[:unseen], made.seconds[:unseen] = np.nan, np.nan
     clip_from = lead + 1 if lead else 0
     offset = float(times[clip_from] - own[0]) if lead else 0.0
     return Followed(times, *made._replace(mode=made.mode.astype(str)), clip_from, offset)
