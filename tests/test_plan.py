@@ -178,6 +178,18 @@ def test_after_a_place_where_planning_fails_the_robot_is_where_it_is_wanted_agai
     assert far.mean() < 0.04  # 0.056 to 0.071 if only driven
 
 
+@pytest.mark.parametrize(("room", "stops"), [(0.05, False), (0.3, True)])
+def test_driving_does_not_begin_where_a_joint_cannot_stop_before_its_limit(room, stops):
+    # 3.9 rad/s take 0.067 rad to stop at 60 rad/s^2 in steps of 1/30 s.
+    made, its = coman(), planner()
+    elbow = made.joint_names.index("LElbj")
+    q = np.repeat(made.anchor[None], 2, axis=0)
+    q[1, elbow] = made.upper[elbow] - room
+    q[0, elbow] = q[1, elbow] - 3.9 / 30.0
+    job = whole._Job(its, even(2), q, its._aim(even(2), q, False, None, None))
+    assert job._stops(1) == stops
+
+
 def test_where_driving_ends_with_the_motion_it_still_holds():
     a, b = crossed()
     short = Planner(coman(), settings=Settings(repairs=0, rounds=1, inner=1, band=0.0))

@@ -343,11 +343,8 @@ class _Job:
         """Drive the robot past a row until a plan holds again; the last row that was driven."""
         its, m = self.its, len(self.q)
         chain = its.robot.chain
-        first, out = max(row - 1, 0), np.zeros(2)
-        while first > 0 and not causal.safe(
-            chain, its._swept, its._scratch, self.q[first - 1], self.q[first],
-            self.times[first] - self.times[first - 1], its._bounds, its._care, out,
-        ):  # fmt: skip
+        first = max(row - 1, 0)
+        while first > 0 and not self._stops(first):
             first -= 1
         if first == 0 and not self.clearance[0] >= its.robot.margin + AGREEMENT:
             anchor = its.robot.anchor
@@ -381,6 +378,16 @@ class _Job:
         self.driven[first + (first > 0) : last + 1] = True
         self._polish(first, last)
         return last
+
+    def _stops(self, row: int) -> bool:
+        """May a robot that comes to this row as planned brake from there, all of it proven?"""
+        its, q = self.its, self.q
+        dt = self.times[row] - self.times[row - 1]
+        v = (q[row] - q[row - 1]) / dt
+        return causal.within(q[row - 1], v, dt, dt, its._bounds, q[row]) and causal.safe(
+            its.robot.chain, its._swept, its._scratch, q[row - 1], q[row], dt, its._bounds,
+            its._care, np.zeros(2),
+        )  # fmt: skip
 
     def _changed(self, other: np.ndarray, first: int) -> int:
         """One beyond the last row, and the path after it, that is not as another motion has it."""
