@@ -7,11 +7,13 @@ at last ours are driven past the place step by step (s3le/plan/giveway.py). Step
 others leave no certified way are forced: they come out as such, and nothing is claimed of them.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
+from s3le.kernels import batch
 from s3le.plan import limits, rounds
 from s3le.plan.around import opened
 from s3le.plan.giveway import GiveWay
@@ -21,6 +23,7 @@ from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner, _Job, _runs
 from s3le.robot.wholebody import WholeBody
 from s3le.types import Progress
 
+_FAR = 0.35  # [rad] from what is wanted, from which a plan is held against one begun elsewhere
 _SHARES = (0.35, 1.0)  # of the way to the anchor by which arms are opened in a first guess
 _GROUPS = (0, 1, 2)  # of which joints: all, the right arm's, the left arm's (around.opened)
 _BACK = (0.0, 0.5, 1.0)  # of the horizon before what is broken, from which giving way may begin
@@ -125,15 +128,21 @@ class _BodyJob(_Job):
         return super()._guess(times, wanted, kept, before, after)
 
     def repair(self) -> None:
-        """Plan from other first guesses what does not hold yet; then give way step by step."""
-        for start, stop in _runs(self.close(0, len(self.q)), self.reach, len(self.q)):
+        """Plan from other first guesses what is far off or does not hold; then give way."""
+        m = len(self.q)
+        far = (np.abs(self.q - self.wanted) > _FAR).any(axis=1)
+        for start, stop in _runs(far | self.close(0, m), self.reach, m):
             self._otherwise(start, stop)
         done = 0
         while (bad := self.close(0, len(self.q))[done:]).any():
             done = self._give_way(done + int(np.argmax(bad))) + 1
 
     def _otherwise(self, start: int, stop: int) -> None:
-        """Plan rows start to stop - 1 from first guesses with the arms opened."""
+        """Plan rows start to stop - 1 from other first guesses; what is best is kept.
+
+        These are: each pose by itself brought clear; and, while rows do not hold, what is wanted
+        with the arms opened.
+        """
         m = len(self.q)
         start, stop = (start if start >= 2 else self.given), (stop if stop <= m - 2 else m)
         rows = slice(start, min(stop + 1, m))
@@ -141,24 +150,43 @@ class _BodyJob(_Job):
         part = slice(start - before, stop + after)
         kept, least = self.q.copy(), self._worth(rows)
         begun = kept.copy()
-        for share in _SHARES:
-            for group in _GROUPS:
-                bent = self._opened(part, rows, group, share)
-                if bent is None:
-                    continue
-                self.q[:] = begun
-                self._bent = bent
-                try:
-                    met = self._window(start, stop, joins=stop < m) or stop == m
-                finally:
-                    self._bent = None
-                self.measure(rows.start, rows.stop)
-                if met and (worth := self._worth(rows)) < least:
-                    kept, least = self.q.copy(), worth
-            if not least[0]:
+        guesses = [lambda: self._cleared(part)] + [
+            partial(self._opened, part, rows, group, share)
+            for share in _SHARES
+            for group in _GROUPS
+        ]
+        for number, guess in enumerate(guesses):
+            if number and not least[0]:
                 break
+            self.q[:] = kept
+            self.measure(rows.start, rows.stop)
+            self._bent = guess()
+            if self._bent is None:
+                continue
+            self.q[:] = begun
+            met = self._window(start, stop, joins=stop < m) or stop == m
+            self._bent = None
+            self.measure(rows.start, rows.stop)
+            if met and (worth := self._worth(rows)) < least:
+                kept, least = self.q.copy(), worth
         self.q[:] = kept
         self.measure(rows.start, rows.stop)
+
+    def _cleared(self, part: slice) -> np.ndarray:
+        """What is wanted, each pose that is too close brought clear by the least change found."""
+        its, own = self.its, self.its.body.own
+        whole = self.its.body.poses(self.wanted[part], self._whole[part][:, self.its.body.others])
+        bent = self.wanted[part].copy()
+        clear = batch.clearances(its._chain, whole)
+        for row in np.flatnonzero(~(clear >= its._care.target)):
+            pose, anchor = whole[row], whole[row].copy()
+            low, high = pose.copy(), pose.copy()
+            low[own], high[own], anchor[own] = its.most.lower, its.most.upper, its.robot.anchor
+            still = its._chain._replace(lower=low, upper=high)  # given joints stay where they are
+            found = batch.project(still, anchor, pose[None].copy(), its._care.target)
+            if found.how[0] != batch.FALLBACK:
+                bent[row] = found.q[0, own]
+        return bent
 
     def _opened(
         self, part: slice, rows: slice, group: int, share: float
