@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from s3le.kernels import batch
+from s3le.kernels.distance import near_pairs, place_capsules
+from s3le.kernels.kinematics import place
 from s3le.kernels.poses import AGREEMENT
 from s3le.kernels.solver import clearance_of
 from s3le.plan import causal, chase
@@ -115,13 +117,13 @@ class GiveWay:
                     proven.append(drawn[row])
                 if len(proven) == _MOST:
                     break
-            tried = np.concatenate([tried, drawn])
         if proven:
             on = [self._goes_on(t, one) for one in proven]
             return max(
                 zip(on, proven, strict=True),
                 key=lambda pair: (min(pair[0], _ON), -self._off(pair[1][None], want)[0]),
             )[1]
+        # Not of those drawn: they would move joints that have no part in it.
         return self._least_deep(t, tried, want)
 
     def _ways(self, t: int, box: "_Box") -> list[np.ndarray]:
@@ -129,7 +131,7 @@ class GiveWay:
         its = self.its
         want = np.clip(self._planned[t], box.low, box.high)
         ways = [self._downhill(t, box, want, room) for room in _ROOM]
-        ways += [box.rest, np.clip(box.here, box.low, box.high)]
+        ways += [self._away(t, box, want), box.rest, np.clip(box.here, box.low, box.high)]
         out = np.empty(len(self._own))
         for share in _SHARES:
             for group in range(3):
@@ -150,6 +152,20 @@ class GiveWay:
             np.empty(0), np.zeros(DIM), self._W, to,
         )  # fmt: skip
         return np.clip(to[own], box.low, box.high)
+
+    def _away(self, t: int, box: "_Box", want: np.ndarray) -> np.ndarray:
+        """What is wanted, but joints that can part the nearest two bodies as far as they may."""
+        pose, chain = self._at(t, want[None])[0], self._chain
+        n, pairs = len(pose), len(chain.pair)
+        R, p, z = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((n, 3))
+        ends, d, G = np.empty((len(chain.body_frame), 3, 3)), np.empty(pairs), np.empty((pairs, n))
+        place(chain, pose, R, p, z)
+        place_capsules(chain, R, p, ends)
+        count = near_pairs(chain, ends, self._balls, p, z, self.its._care.target, d, G)
+        if not count:
+            return want
+        along = G[int(d[:count].argmin()), self._own]
+        return np.where(along > 0.0, box.high, np.where(along < 0.0, box.low, want))
 
     def _box(self, t: int) -> "_Box":
         """What limits, speed and acceleration allow at row t."""

@@ -100,13 +100,13 @@ def anchor_collision(robot: Geometry, pairs: list[Pair]) -> Pair | None:
     near |= {(b, a) for a, b in near}
     for p in pairs:
         if p.reason == OVERLAP and p.clearance < 0.0:
-            path = [j for j in between(robot, joint[p.a], joint[p.b]) if j in joint]
+            path = [j for j in _between(robot, joint[p.a], joint[p.b]) if j in joint]
             if len(path) > 2 and not {(path[1], path[-1]), (path[0], path[-2])} <= near:
                 return p
     return None
 
 
-def between(robot: Geometry, a: int, b: int) -> list[int]:
+def _between(robot: Geometry, a: int, b: int) -> list[int]:
     """The joints from a to b through the tree, both included; -1 is the base."""
     up, down = ([-1, *robot.path_to(joint)] for joint in (a, b))
     shared = sum(x == y for x, y in zip(up, down, strict=False))

@@ -15,7 +15,7 @@ from s3le.robot import model, pairs
 from s3le.robot.pairs import FIXED, WATCHED
 from s3le.robot.robot import Robot
 
-NEIGHBOURS = "neighbours on both sides of a joint"  # only of pairs that a robot alone cannot move
+NEIGHBOURS = "neighbours on both sides of a joint"  # only of pairs that ours alone cannot part
 OTHERS = "moved by given joints alone"  # and so looked at apart
 OURS = "looked at with the joints that are decided here"
 
@@ -23,8 +23,8 @@ OURS = "looked at with the joints that are decided here"
 def with_joints(robot: Robot, names: Sequence[str]) -> Robot:
     """The same robot with further joints moving.
 
-    All pairs that it watches it watches still. Of those that can move now, neighbours (no other
-    body lies between the two in the tree) are not watched: they touch by design.
+    All pairs that it watches it watches still. Of those that can move now, neighbours in the tree
+    of the URDF (no other body lies between the two) are not watched: they touch by design.
 
     Args:
         robot: as its file says.
@@ -47,17 +47,49 @@ def with_joints(robot: Robot, names: Sequence[str]) -> Robot:
         given=tuple(name for name in text.given if name not in stands),
     )
     made = Robot._settled(model.from_description(wider), text.source, robot.margin, robot.neck)
-    bodies = {body.joint for body in made.bodies}
+    near = _neighbours(made)
     decided = []
     for old, pair in zip(robot.pairs, made.pairs, strict=True):  # bodies are in the same order
         assert robot.bodies[old.a].name == made.bodies[pair.a].name
         assert robot.bodies[old.b].name == made.bodies[pair.b].name
-        if pair.reason == WATCHED and old.reason == FIXED:
-            way = pairs.between(made, made.bodies[pair.a].joint, made.bodies[pair.b].joint)
-            if not bodies & set(way[1:-1]):
-                pair = pair._replace(reason=NEIGHBOURS)
+        links = frozenset((made.bodies[pair.a].link, made.bodies[pair.b].link))
+        if pair.reason == WATCHED and old.reason == FIXED and links in near:
+            pair = pair._replace(reason=NEIGHBOURS)
         decided.append(pair)
     return replace(made, pairs=tuple(decided))
+
+
+def _neighbours(robot: Robot) -> set[frozenset[str]]:
+    """Pairs of links between which no other body lies, whatever joints are held still here."""
+    above: dict[str, tuple[str, bool]] = {}  # link -> the one before it, and whether rigidly so
+    for joint in robot.tree.findall("joint"):
+        ends = [joint.find(end) for end in ("parent", "child")]
+        before, after = ("" if end is None else end.get("link", "") for end in ends)
+        above[after] = before, joint.get("type") == "fixed"
+
+    def way(link: str) -> list[str]:
+        """Rigid groups from a link's own to the root's, each by its first link."""
+        groups = []
+        while True:
+            while link in above and above[link][1]:
+                link = above[link][0]
+            groups.append(link)
+            if link not in above:
+                return groups
+            link = above[link][0]
+
+    links = sorted({body.link for body in robot.bodies})
+    ways = {link: way(link) for link in links}
+    solid = {ways[link][0] for link in links}
+    near = set()
+    for a in links:
+        for b in links:
+            shared = next(group for group in ways[a] if group in ways[b])
+            up, down = ways[a][: ways[a].index(shared)], ways[b][: ways[b].index(shared)]
+            between = {*up[1:], *down[1:], *([shared] if up and down else [])}
+            if a != b and not solid & between:
+                near.add(frozenset((a, b)))
+    return near
 
 
 @dataclass(frozen=True, eq=False)
