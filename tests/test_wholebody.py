@@ -9,6 +9,7 @@ import pickle
 from functools import cache
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -47,6 +48,7 @@ LEGS = (
 WRISTS = ("left_wrist_roll_joint", "left_wrist_pitch_joint")
 BETWEEN, MARGIN = 0.0005, 0.002  # [m]
 ROWS, RATE = 60, 30.0
+FINE = 2.0**20  # per metre: in metres coal takes segments for parallel that are not
 ROOT = np.arange(7.0)  # a root's numbers
 
 
@@ -110,12 +112,27 @@ def side(target):
     return json.loads(Path(f"{target}.guard.json").read_text())
 
 
+def finer(shape):
+    """The shape in a finer unit; of a cylinder the capsule that lies in it."""
+    if isinstance(shape, coal.Sphere):
+        return coal.Sphere(shape.radius * FINE)
+    half = shape.halfLength
+    if isinstance(shape, coal.Cylinder):
+        half = max(half - shape.radius, 0.0)
+    return coal.Capsule(shape.radius * FINE, 2.0 * half * FINE)
+
+
 class Judge:
     """Coal on pinocchio's model, every joint of the URDF moving."""
 
     def __init__(self):
         self.model = pin.buildModelFromUrdf(str(URDF))
         self.bodies = pin.buildGeomFromUrdf(self.model, str(URDF), pin.GeometryType.COLLISION)
+        for at in self.model.jointPlacements:
+            at.translation = at.translation * FINE
+        for item in self.bodies.geometryObjects:
+            item.geometry = finer(item.geometry)
+            item.placement = pin.SE3(item.placement.rotation, item.placement.translation * FINE)
         self.data = self.model.createData()
         joint = [item.parentJoint for item in self.bodies.geometryObjects]
         parent = self.model.parents
@@ -144,7 +161,7 @@ class Judge:
         for name, angle in at.items():
             q[self.model.joints[self.model.getJointId(name)].idx_q] = angle
         pin.computeDistances(self.model, self.data, self.bodies, self.scratch, q)
-        return np.array([one.min_distance for one in self.scratch.distanceResults])
+        return np.array([one.min_distance for one in self.scratch.distanceResults]) / FINE
 
     def steps(self, names, q, parts=5):
         """Least clearance less what is asked of each row, and of the path to it [m], (rows,)."""
