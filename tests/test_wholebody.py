@@ -25,6 +25,7 @@ from s3le.guard.layouts.door import open_layout
 from s3le.guard.table import guard as contract
 from s3le.guard.task import Reading
 from s3le.kernels import batch
+from s3le.motion.whole import joints
 from s3le.plan import rounds
 from s3le.plan.interior import program
 from s3le.plan.wholebody import BodyPlanner
@@ -362,6 +363,37 @@ def test_no_angles_are_refused_whoever_moves(spoil, says, tmp_path):
     assert said.exit_code == shell.UNREADABLE
     assert pytest.importorskip("re").search(says, said.output), said.output
     assert not (tmp_path / "out/a.npz").exists()
+
+
+def test_a_csv_of_unitree_is_audited_without_names_and_taken_by_the_guard(tmp_path):
+    names = with_joints(g1(), [*LEGS, *WRISTS]).joint_names  # depth first, as MuJoCo has them
+    every = [one.get("name") for one in g1().tree.findall("joint") if one.get("type") != "fixed"]
+    whole = dict.fromkeys(every, np.zeros(ROWS)) | dict(
+        zip(g1().joint_names, hanging().T, strict=True)
+    )
+    whole |= dict(zip(LEGS, raised().T, strict=True))
+    order = joints(g1()).depth_first
+    assert [name for name in order if name in names] == names
+    root = np.repeat(ROOT[None], ROWS, axis=0)
+    path = tmp_path / "in/up.csv"
+    path.parent.mkdir()
+    rows = np.hstack([root, np.stack([whole[name] for name in order], axis=1)])
+    np.savetxt(path, rows, delimiter=",", fmt="%.6f")
+    said = run("audit", path, *G1, "--fps", RATE)
+    assert said.exit_code == shell.BROKEN and "as MuJoCo numbers them" in said.output
+    assert "left_hip_yaw_link_0 and left_rubber_hand_1 overlap" in said.output
+    done = run("guard", path, *ONE, "--fps", RATE, "--out", tmp_path / "out")
+    assert done.exit_code == shell.OK, done.output
+    assert run("audit", tmp_path / "out/up.csv", *G1, "--fps", RATE).exit_code == shell.OK
+    old, new = (each.read_text().splitlines() for each in (path, tmp_path / "out/up.csv"))
+    ours = {7 + order.index(name) for name in g1().joint_names}
+    for before, after in zip(old, new, strict=True):
+        fields = zip(before.split(","), after.split(","), strict=True)
+        assert all(one == two for i, (one, two) in enumerate(fields) if i not in ours)
+    cut = tmp_path / "cut.csv"
+    np.savetxt(cut, rows[:, :-1], delimiter=",", fmt="%.6f")
+    wrong = run("audit", cut, *G1, "--fps", RATE)
+    assert wrong.exit_code == shell.UNREADABLE and "--joints" in wrong.output
 
 
 # --- guard

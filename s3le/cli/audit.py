@@ -167,11 +167,13 @@ def _motions(
 ) -> list[_Motion]:
     """The motions of a file or a folder."""
     from s3le.guard.layouts import door
-    from s3le.motion import files
+    from s3le.motion import files, text
     from s3le.motion.fit import fit
 
     kind = path.suffix.lower()
-    if path.is_dir() or (kind in door.KNOWN and kind not in files.READ):
+    # Who writes CSV without names (mjlab, Unitree) writes joints as MuJoCo numbers them.
+    plain = kind == ".csv" and joints is None and path.is_file() and text.nameless(path)
+    if path.is_dir() or plain or (kind in door.KNOWN and kind not in files.READ):
         layout = door.open_layout(
             path, robot, fps=fps, joints=joints, degrees=degrees, given=given
         )  # fmt: skip

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s3le.errors import RobotError
-from s3le.robot import model, pairs
+from s3le.robot import model
 from s3le.robot.pairs import FIXED, WATCHED
 from s3le.robot.robot import Robot
 
