@@ -13,6 +13,7 @@ from s3le.guard.clean import Cleaned
 from s3le.guard.forced import sentence
 from s3le.guard.places import Piece, fingerprint
 from s3le.guard.task import Cleaning, Reading, decode, opened
+from s3le.motion.fit import Others
 from s3le.robot.robot import Robot
 from s3le.store import documents, sidecar
 from s3le.tuples.engine import key, run
@@ -152,7 +153,10 @@ def put(
     layout.write(piece.target, q, about)
     written = reading.open(piece.target, robot)
     same = len(written.episodes) == len(q) and all(
-        new.q.shape == old.shape and (new.q == old).all() and (new.time == one.time).all()
+        new.q.shape == old.shape
+        and (new.q == old).all()
+        and (new.time == one.time).all()
+        and _same(new.others, one.others)
         for new, old, one in zip(written.episodes, q, layout.episodes, strict=True)
     )
     if not same:
@@ -171,6 +175,13 @@ def put(
     }
     documents.write_json(summary, piece.sidecar)
     return summary
+
+
+def _same(one: Others | None, other: Others | None) -> bool:
+    """Do others move the same joints in the same way?"""
+    if one is None or other is None:
+        return one is other
+    return one.joints == other.joints and bool((one.q == other.q).all())
 
 
 def finished(piece: Piece, held: str, tag: str) -> dict[str, Any] | None:

@@ -83,6 +83,10 @@ class GiveWay:
                 return t
         return len(self.times) - 1
 
+    def stops(self, t: int) -> bool:
+        """Could ours brake from row t on, as they come there, all of it certified?"""
+        return self._goes_on(t, np.ascontiguousarray(self._whole[t, self._own])) >= _ON
+
     def _begin(self) -> None:
         """The first row: where it may be, else the nearest pose found that keeps the margin."""
         pose, own, care = self._whole[0].copy(), self._own, self.its._care
@@ -118,13 +122,20 @@ class GiveWay:
                 if len(proven) == _MOST:
                     break
         if proven:
-            on = [self._goes_on(t, one) for one in proven]
-            return max(
-                zip(on, proven, strict=True),
-                key=lambda pair: (min(pair[0], _ON), -self._off(pair[1][None], want)[0]),
-            )[1]
+            return self._longest(t, np.array(proven), want)
         # Not of those drawn: they would move joints that have no part in it.
         return self._least_deep(t, tried, want)
+
+    def _longest(self, t: int, proven: np.ndarray, want: np.ndarray) -> np.ndarray:
+        """Of certified poses the nearest to what is wanted from which ours could go on long."""
+        best, longest = proven[0], -1.0
+        for row in np.argsort(self._off(proven, want), kind="stable"):
+            on = self._goes_on(t, proven[row])
+            if on > longest:
+                best, longest = proven[row], on
+            if on >= _ON:
+                break
+        return best
 
     def _ways(self, t: int, box: "_Box") -> list[np.ndarray]:
         """Poses of the box worth a look: downhill, braking, holding, towards the anchor."""
@@ -214,8 +225,10 @@ class GiveWay:
         """How long ours could brake and hold from there on, all of it certified [s]."""
         most, own = self.its._bounds, self._own
         last, here, then = self._at(t, q[None])[0], q.copy(), np.empty_like(q)
-        before = self.times[t] - self.times[t - 1]
-        v = (q - self._whole[t - 1, own]) / before
+        before, v = 1e9, np.zeros_like(q)  # before row 0 there was nothing
+        if t > 0:
+            before = self.times[t] - self.times[t - 1]
+            v = (q - self._whole[t - 1, own]) / before
         for row in range(t + 1, len(self.times)):
             dt = self.times[row] - self.times[row - 1]
             causal.brake(here, v, 0.5 * (before + dt), dt, most, then)

@@ -7,6 +7,7 @@ at last ours are driven past the place step by step (s3le/plan/giveway.py). Step
 others leave no certified way are forced: they come out as such, and nothing is claimed of them.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -132,16 +133,20 @@ class _BodyJob(_Job):
         m = len(self.q)
         far = (np.abs(self.q - self.wanted) > _FAR).any(axis=1)
         for start, stop in _runs(far | self.close(0, m), self.reach, m):
-            self._otherwise(start, stop)
+            self._otherwise(start, stop, opened=False)
+        for start, stop in _runs(self.close(0, m), self.reach, m):
+            self._otherwise(start, stop, opened=True)
         done = 0
         while (bad := self.close(0, len(self.q))[done:]).any():
             done = self._give_way(done + int(np.argmax(bad))) + 1
 
-    def _otherwise(self, start: int, stop: int) -> None:
+    def _otherwise(self, start: int, stop: int, opened: bool) -> None:
         """Plan rows start to stop - 1 from other first guesses; what is best is kept.
 
-        These are: each pose by itself brought clear; and, while rows do not hold, what is wanted
-        with the arms opened.
+        Args:
+            start, stop: the rows.
+            opened: from what is wanted with the arms opened, until all rows hold; else from each
+                pose by itself brought clear.
         """
         m = len(self.q)
         start, stop = (start if start >= 2 else self.given), (stop if stop <= m - 2 else m)
@@ -150,13 +155,15 @@ class _BodyJob(_Job):
         part = slice(start - before, stop + after)
         kept, least = self.q.copy(), self._worth(rows)
         begun = kept.copy()
-        guesses = [lambda: self._cleared(part)] + [
-            partial(self._opened, part, rows, group, share)
-            for share in _SHARES
-            for group in _GROUPS
-        ]
-        for number, guess in enumerate(guesses):
-            if number and not least[0]:
+        guesses: list[Callable[[], np.ndarray | None]] = [partial(self._cleared, part)]
+        if opened:
+            guesses = [
+                partial(self._opened, part, rows, group, share)
+                for share in _SHARES
+                for group in _GROUPS
+            ]
+        for guess in guesses:
+            if opened and not least[0]:
                 break
             self.q[:] = kept
             self.measure(rows.start, rows.stop)
@@ -216,24 +223,34 @@ class _BodyJob(_Job):
 
     def _give_way(self, row: int) -> int:
         """Drive ours past a row step by step; the last row that was written."""
-        m, planned = len(self.q), self.q.copy()
-        best: tuple[tuple[int, float, float], np.ndarray, int, int] | None = None
+        m, planned, known = len(self.q), self.q.copy(), self._known()
+        best: tuple[tuple[int, float, float], np.ndarray, list[np.ndarray], int] | None = None
         for back in _BACK:
             first = max(row - 1 - int(back * self.reach), 0)
             self.q[:] = planned
             way = GiveWay(self.its, self.times, self.poses().copy(), planned)
+            while first > 0 and not way.stops(first):
+                first -= 1
             last = way.past(first, row)
             self.q[first : last + 1] = way.q[first : last + 1]
+            self._know(known)
             self.measure(first, min(last + 2, m))
-            worth = self._worth(slice(first, min(last + 2, m)))
+            worth = self._worth(slice(0, m))
             if best is None or worth < best[0]:
-                best = worth, self.q.copy(), first, last
+                best = worth, self.q.copy(), self._known(), last
             if not worth[0] or first == 0:
                 break
         assert best is not None  # of three places one was tried
-        _, self.q[:], first, last = best
-        self.driven[first : last + 1] |= (
-            self.q[first : last + 1] != planned[first : last + 1]
-        ).any(axis=1)
-        self.measure(max(first - 1, 0), min(last + 2, m))
+        _, self.q[:], known, last = best
+        self._know(known)
+        self.driven |= (self.q != planned).any(axis=1)
         return max(last, row)
+
+    def _known(self) -> list[np.ndarray]:
+        """What was measured and proven of the rows as they are, a copy."""
+        return [part.copy() for part in (self.clearance, self.bound, self.proven, self.where)]
+
+    def _know(self, known: list[np.ndarray]) -> None:
+        parts = (self.clearance, self.bound, self.proven, self.where)
+        for part, was in zip(parts, known, strict=True):
+            part[:] = was
