@@ -28,6 +28,7 @@ from s3le.kernels import batch
 from s3le.motion.whole import joints
 from s3le.plan import rounds
 from s3le.plan.interior import program
+from s3le.plan.whole import DRIVEN
 from s3le.plan.wholebody import BodyPlanner
 from s3le.robot import pairs
 from s3le.robot.description import read_description
@@ -602,6 +603,19 @@ def test_of_forced_steps_hardly_one_had_a_way_among_a_thousand_poses():
             for pose in poses[good]
         )
     assert len(rows) and missed < 0.05 * len(rows)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_where_the_given_joints_are_in_nobodys_way_no_step_is_forced(seed):
+    # Arms that swing through everything: giving way has to begin where they can still brake.
+    rows, rng, its = 150, np.random.default_rng(seed), g1()
+    time = np.arange(rows) / RATE
+    rate, phase = rng.uniform(0.1, 0.8, its.n_dof), rng.uniform(0.0, 6.28, its.n_dof)
+    waves = np.sin(2.0 * np.pi * rate * time[:, None] + phase)
+    wanted = 0.5 * (its.lower + its.upper) + 0.4 * (its.upper - its.lower) * waves
+    planner = guard()._planned_among(whole_body(its, ["left_knee_joint"]), 0.0, 1.0)
+    made = planner.among(time, wanted, 0.2 * pulse(rows)[:, None])
+    assert (made.how == DRIVEN).any() and not made.forced.any()
 
 
 def test_given_angles_of_another_shape_or_not_finite_are_refused():

@@ -91,24 +91,29 @@ class Guard:
             q: [rad], (m, n), as it is or will be written.
             progress: called with numbers of further rows done, 2 m - 1 in all.
         """
-        return self._look(episode, q, progress)[0]
+        if episode.others is not None:
+            return self._look(episode, q, progress)[0]
+        at_rows = self._asked(episode, q)
+        return audit.audit(self.robot, episode.time, q, self.demands, at_rows, progress)
 
     def _look(
         self, episode: Episode, q: np.ndarray, progress: Progress | None = None
     ) -> tuple[audit.Report, wholebody.Whole | None]:
         """As check; and where others move joints too, whose pairs are broken."""
-        at_rows = None
-        if episode.mode is not None:
-            between = (episode.mode == BETWEEN) & (q == episode.q).all(axis=1)
-            at_rows = np.where(between, self.demands.margin_between, self.demands.margin)
         body, others = self.body(episode), episode.others
         if body is None or others is None:
-            report = audit.audit(self.robot, episode.time, q, self.demands, at_rows, progress)
-            return report, None
+            return self.check(episode, q, progress), None
         whole = wholebody.look(
-            body, episode.time, q, others.q, self.demands, at_rows, progress
-        )  # fmt: skip
+            body, episode.time, q, others.q, self.demands, self._asked(episode, q), progress
+        )
         return whole.report, whole
+
+    def _asked(self, episode: Episode, q: np.ndarray) -> np.ndarray | None:
+        """Clearance that is asked of each row [m], (m,); None: the margin of all."""
+        if episode.mode is None:
+            return None
+        between = (episode.mode == BETWEEN) & (q == episode.q).all(axis=1)
+        return np.where(between, self.demands.margin_between, self.demands.margin)
 
     def _forced(self, episode: Episode, whole: wholebody.Whole | None) -> tuple[Forced, ...]:
         return () if whole is None else forced.found(whole, episode.time, self.demands)
