@@ -1,6 +1,7 @@
 """`s3le audit`: does a trajectory hold, whoever made it?"""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -12,7 +13,9 @@ from s3le.errors import S3leError
 if TYPE_CHECKING:
     import numpy as np
 
+    from s3le.motion.fit import Others
     from s3le.robot.robot import Robot
+    from s3le.robot.wholebody import WholeBody
     from s3le.safety.audit import Check, Demands, Report
 
 
@@ -61,6 +64,7 @@ def audit(
     fps: options.RateOfRows = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
+    given: options.Given = None,
     budget: Annotated[
         int | None,
         typer.Option(help="Poses that the proof of one path may look at.", show_default="200"),
@@ -70,7 +74,9 @@ def audit(
     """Check trajectories: limits, velocities, clearance of every pose, a proof for every path.
 
     Each file gets a certificate, or the first counterexample: when, which bodies, how deep. What
-    cannot be decided counts as broken. Pairs of bodies that are not watched are listed.
+    cannot be decided counts as broken. Pairs of bodies that are not watched are listed. In a motion
+    of the whole body, where legs and hands move too, all pairs are looked at with all joints
+    moving; limits and speeds are asked of the robot file's own joints alone.
 
     \b
     s3le audit walk.parquet
@@ -94,18 +100,22 @@ def audit(
             BUDGET if budget is None else budget,
             shell.by_joint(acceleration, "--acceleration", "RAD_S2"),
         )
-        named = shell.names(joints)
+        named, moved = shell.names(joints), shell.given(given, its)
+        bodies: dict[tuple[str, ...], WholeBody] = {}
         told: list[dict[str, Any]] = []
         status = shell.OK
         for path in shell.motions(files):
             try:
-                for one in _motions(path, its, fps, named, degrees):
-                    report, notes = _one(one, its, wanted, every=margin is not None)
+                for one in _motions(path, its, fps, named, degrees, moved):
+                    body = _body(one.others, its, bodies)
+                    report, notes = _one(one, its, body, wanted, every=margin is not None)
                     if not report.holds:
                         status = max(status, shell.BROKEN)
-                    told.append({"file": one.name, "notes": notes, **library.tree(report)})
+                    also = {"given_joints": list(body.given)} if body else {}
+                    told.append({"file": one.name, "notes": notes, **also, **library.tree(report)})
                     if not as_json:
-                        typer.echo("\n".join([*_lines(one.name, its, wanted, report, notes), ""]))
+                        lines = _lines(one.name, its, body, wanted, report, notes)
+                        typer.echo("\n".join([*lines, ""]))
             except S3leError as refusal:
                 shell.complain(refusal)
                 told.append({"file": str(path), "unreadable": str(refusal)})
@@ -116,14 +126,24 @@ def audit(
                 "robot_hash": its.digest,
                 "margin_m": wanted.margin,
                 "margin_between_m": wanted.margin_between,
-                "not_covered": library.not_covered(its),
+                "not_covered": _not_covered(its, bodies.values()),
                 "holds": status == shell.OK,
                 "files": told,
             }
             typer.echo(json.dumps(certificate, indent=2, allow_nan=False))
         else:
-            typer.echo("\n".join(_closing(its, told)))
+            typer.echo("\n".join(_closing(its, bodies.values(), told)))
     raise typer.Exit(status)
+
+
+def _not_covered(robot: "Robot", bodies: "Iterable[WholeBody]") -> list[dict[str, str]]:
+    from s3le.safety import audit as library
+    from s3le.safety import wholebody
+
+    pairs = library.not_covered(robot)
+    for body in bodies:
+        pairs += [pair for pair in wholebody.not_covered(body) if pair not in pairs]
+    return pairs
 
 
 class _Motion(NamedTuple):
@@ -134,32 +154,56 @@ class _Motion(NamedTuple):
     q: "np.ndarray"
     mode: "np.ndarray | None"
     notes: list[str]
+    others: "Others | None"  # joints that others move
 
 
 def _motions(
-    path: Path, robot: "Robot", fps: float | None, joints: list[str] | None, degrees: bool
+    path: Path,
+    robot: "Robot",
+    fps: float | None,
+    joints: list[str] | None,
+    degrees: bool,
+    given: tuple[str, ...],
 ) -> list[_Motion]:
     """The motions of a file or a folder."""
     from s3le.guard.layouts import door
-    from s3le.motion import files
+    from s3le.motion import files, text
     from s3le.motion.fit import fit
 
     kind = path.suffix.lower()
-    if path.is_dir() or (kind in door.KNOWN and kind not in files.READ):
-        layout = door.open_layout(path, robot, fps=fps, joints=joints, degrees=degrees)
-        return [_Motion(e.name, e.time, e.q, e.mode, e.notes) for e in layout.episodes]
-    one, notes = fit(files.read(path, fps, joints), robot, degrees)
-    return [_Motion(str(path), one.time, one.q, one.mode, notes)]
+    # Who writes CSV without names (mjlab, Unitree) writes joints as MuJoCo numbers them.
+    plain = kind == ".csv" and joints is None and path.is_file() and text.nameless(path)
+    if path.is_dir() or plain or (kind in door.KNOWN and kind not in files.READ):
+        layout = door.open_layout(
+            path, robot, fps=fps, joints=joints, degrees=degrees, given=given
+        )  # fmt: skip
+        return [_Motion(e.name, e.time, e.q, e.mode, e.notes, e.others) for e in layout.episodes]
+    one, notes, others = fit(files.read(path, fps, joints), robot, degrees, given)
+    return [_Motion(str(path), one.time, one.q, one.mode, notes, others)]
+
+
+def _body(
+    others: "Others | None", robot: "Robot", made: "dict[tuple[str, ...], WholeBody]"
+) -> "WholeBody | None":
+    """The robot with the joints that others move; None: they move none."""
+    from s3le.robot.wholebody import whole_body
+
+    if others is None:
+        return None
+    if others.joints not in made:
+        made[others.joints] = whole_body(robot, others.joints)
+    return made[others.joints]
 
 
 def _one(
-    motion: _Motion, robot: "Robot", wanted: "Demands", every: bool
+    motion: _Motion, robot: "Robot", body: "WholeBody | None", wanted: "Demands", every: bool
 ) -> "tuple[Report, list[str]]":
     """Audit one motion; every: the margin of poses is asked of rows between two frames too."""
     import numpy as np
 
     from s3le.motion.trajectory import BETWEEN
     from s3le.safety import audit as library
+    from s3le.safety import wholebody
 
     at_rows, notes = None, motion.notes
     if motion.mode is not None and not every:
@@ -173,12 +217,22 @@ def _one(
                 "row",
             ]
     with shell.bar(2 * len(motion.time) - 1, Path(motion.name).name) as progress:
-        report = library.audit(robot, motion.time, motion.q, wanted, at_rows, progress=progress)
+        if body is None or motion.others is None:
+            report = library.audit(robot, motion.time, motion.q, wanted, at_rows, progress=progress)
+        else:
+            report = wholebody.look(
+                body, motion.time, motion.q, motion.others.q, wanted, at_rows, progress
+            ).report
     return report, notes
 
 
 def _lines(
-    name: str, robot: "Robot", wanted: "Demands", report: "Report", notes: list[str]
+    name: str,
+    robot: "Robot",
+    body: "WholeBody | None",
+    wanted: "Demands",
+    report: "Report",
+    notes: list[str],
 ) -> list[str]:
     from s3le.safety.audit import say
 
@@ -200,6 +254,8 @@ def _lines(
             lines += [f"      {say(check.name, one)}" for one in check.worst]
         elif check.worst and check.name != "paths":
             lines.append(f"      nearest: {say(check.name, check.worst[0])}")
+    if body is not None:
+        lines += _given(body, report)
     if report.holds:
         lines.append("  CERTIFIED")
     else:
@@ -207,15 +263,39 @@ def _lines(
     return lines
 
 
+def _given(body: "WholeBody", report: "Report") -> list[str]:
+    """What others move, what they break, and what nobody here could mend."""
+    from s3le.safety.audit import say
+
+    lines = [f"  moved by others: {', '.join(body.given)}"]
+    whose = {"limits": "their joint ranges", "velocities": "their joint speeds"}
+    for check in report.given:
+        if check.broken:
+            lines.append(
+                f"    {whose[check.name]} do not hold in {check.broken} of {check.total}, which is "
+                f"not counted: {say(check.name, check.worst[0])}"
+            )
+    for check in report.apart:
+        if check.broken:
+            lines.append(
+                f"    {check.broken} {check.name} among bodies that others alone move, not ours to "
+                f"change: {say(check.name, check.worst[0])}"
+            )
+    return lines
+
+
 def _open(check: "Check") -> str:
     return f", {check.undecided} not decided" if check.undecided else ""
 
 
-def _closing(robot: "Robot", told: list[dict[str, Any]]) -> list[str]:
+def _closing(
+    robot: "Robot", bodies: "Iterable[WholeBody]", told: list[dict[str, Any]]
+) -> list[str]:
     """What no file's report repeats: the pairs that nothing is said about, and the count."""
     lines = []
     by_reason: dict[str, list[str]] = {}
-    for a, b, _, reason in robot.unwatched():
+    further = [pair for body in bodies for pair in body.unwatched()]
+    for a, b, _, reason in dict.fromkeys([*robot.unwatched(), *further]):
         by_reason.setdefault(reason, []).append(f"{a} and {b}")
     for reason, pairs in by_reason.items():
         lines.append(f"not covered, {len(pairs)} pairs ({reason}):")

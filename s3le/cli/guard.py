@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from s3le.guard.layouts.episode import Layout
     from s3le.robot.robot import Files
 
+_RUNS = 5  # runs of forced steps that are told of a file; all of them lie in its summary
 _LOUD = 3  # so many files are told in detail, more only as a table
 
 
@@ -60,6 +61,14 @@ def guard(
     fps: options.RateOfRows = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
+    given: options.Given = None,
+    change: Annotated[
+        str | None,
+        typer.Option(
+            help="Joints beyond the robot file's that may be changed too: NAME,NAME,...",
+            show_default="none",
+        ),
+    ] = None,
     column: Annotated[
         str | None,
         typer.Option(
@@ -87,16 +96,22 @@ def guard(
     (NAME.guard.json: what was broken and where, what was moved, the certificate), all together
     a table (guard.parquet). What an earlier run has finished, with the same numbers, is kept.
 
+    In a motion of the whole body the robot file's joints alone are changed, and proven with all
+    joints moving. Where legs and hands leave no certified way, steps are marked forced: listed in
+    the summary, claimed of by nobody.
+
     \b
     s3le guard walk.csv --robot g1 --out out
     s3le guard retargeted/ --robot g1 --out out --jobs 8
     s3le guard dance.pkl --robot g1 --out out --speed-factor 0.8 --acceleration 40
+    s3le guard walk.pkl --robot g1 --change left_wrist_roll_joint,right_wrist_roll_joint --out out
     s3le guard arms.npz --robot coman --fps 30 --joints names.txt --degrees --out out
     s3le guard retargeted/ --robot g1 --check
     s3le guard retargeted/ --robot g1 --out out --ray-address auto
 
-    Exit status: 0 if everything holds, 1 if no motion was found for a file (with --check: if
-    anything is broken), 2 if a file could not be read or written, or nothing could begin.
+    Exit status: 0 if everything holds, 1 if no motion was found for a file or steps of it are
+    forced (with --check: if anything is broken), 2 if a file could not be read or written, or
+    nothing could begin.
     """  # noqa: D301
     with shell.guarded():
         if check == (out is not None):
@@ -105,24 +120,29 @@ def guard(
         from s3le.guard.claim import claim
         from s3le.guard.task import Cleaning, Reading
         from s3le.kernels.threads import processors
+        from s3le.robot.wholebody import with_joints
         from s3le.tuples.engine import lock
         from s3le.tuples.engine.run import Where
 
+        file = shell.robot(robot, margin)
+        also = tuple(name.strip() for name in change.split(",")) if change else ()
         its, wanted = claim(
-            shell.robot(robot, margin),
+            with_joints(file, also) if also else file,
             margin,
             speed_factor,
             shell.by_joint(acceleration, "--acceleration", "RAD_S2"),
         )
         named = shell.names(joints)
-        reading = Reading(fps, None if named is None else tuple(named), degrees, column)
+        reading = Reading(
+            fps, None if named is None else tuple(named), degrees, column, shell.given(given, its)
+        )
         pieces = places.pieces(shell.motions(files), out)
         held = its.to_bytes()
 
         def cleaning(sources: tuple[str, ...], hashes: tuple[str, ...]) -> Cleaning:
             return Cleaning(
                 files=held, claim=wanted, reading=reading, check=check, sources=sources,
-                hashes=hashes,
+                hashes=hashes, change=also,
             )  # fmt: skip
 
         where = (
@@ -136,7 +156,7 @@ def guard(
         many = len(pieces) > 1
         records: list[Record] = []
         with alone:
-            _compile(held, wanted, check)
+            _compile(held, wanted, also, check)
             with shell.bar(len(pieces), "all", "files", "") if many else nullcontext() as step:
                 for record in folder.process(pieces, its, cleaning, where, partial(_bar, check)):
                     records.append(record)
@@ -157,7 +177,7 @@ def guard(
     raise typer.Exit(_exit_status(records))
 
 
-def _compile(held: "Files", wanted: "Claim", check: bool) -> None:
+def _compile(held: "Files", wanted: "Claim", change: tuple[str, ...], check: bool) -> None:
     """Compile before workers do it side by side; says so, for it takes minutes."""
     from s3le.guard.task import opened
     from s3le.kernels import compiled
@@ -166,7 +186,7 @@ def _compile(held: "Files", wanted: "Claim", check: bool) -> None:
     if compiled.stored("segment.prove_rows" if check else whole.SLOWEST):
         return
     typer.echo("compiling kernels, once for this machine: some minutes", err=True)
-    opened(held, wanted).warm_up(planning=not check)
+    opened(held, wanted, change).warm_up(planning=not check)
 
 
 def _bar(check: bool, layout: "Layout") -> AbstractContextManager[Any]:
@@ -236,15 +256,25 @@ def _details(said: dict[str, Any]) -> list[str]:
     if joints := said.get("moved", {}).get("joints"):
         farthest = [f"{one['joint']} {one['most_deg']:.2f} deg" for one in joints]
         lines.append(f"    moved most: {', '.join(farthest)}")
+    for name, one in said.get("given", {}).get("breaks", {}).items():
+        if one["broken"]:
+            lines.append(
+                f"    given joints: {name} of {one['broken']} of {one['total']} rows do not hold, "
+                "which is not counted"
+            )
+    for run in said.get("forced", {}).get("runs", [])[:_RUNS]:
+        lines.append(f"    forced: {run['says']}")
     if "certificate" in said:
         poses, paths = said["certificate"]["poses"], said["certificate"]["paths"]
-        proven = f", paths proven to {paths['bound_m'] * 1e3:.3f} mm" if paths["proven"] else ""
+        proven = f", {paths['proven']} paths proven" if paths["proven"] else ""
+        if paths["bound_m"] is not None:
+            proven = f", paths proven to {paths['bound_m'] * 1e3:.3f} mm"
         lines.append(f"    now: poses keep {poses['least_clearance_m'] * 1e3:.3f} mm{proven}")
     return lines
 
 
 def _sum(records: "list[Record]", check: bool) -> str:
-    from s3le.guard.folder import REFUSED, UNREADABLE
+    from s3le.guard.folder import FORCED, REFUSED, UNREADABLE
 
     read = [record.summary for record in records if record.summary]
     frames = sum(said["frames"] for said in read)
@@ -260,7 +290,7 @@ def _sum(records: "list[Record]", check: bool) -> str:
         f"{moved['most_deg']:.2f} deg",
         f"{moved['left_broken']} left broken",
     ]
-    for status in (REFUSED, UNREADABLE):
+    for status in (FORCED, REFUSED, UNREADABLE):
         if count := sum(record.status == status for record in records):
             words.append(f"{count} {status}")
     return ", ".join(words)

@@ -60,6 +60,14 @@ Joints = Annotated[
     typer.Option(help="Names of the columns, for files that have none: NAME,NAME,... or a file."),
 ]
 Degrees = Annotated[bool, typer.Option("--degrees", help="Angles of the files are in degrees.")]
+Given = Annotated[
+    str | None,
+    typer.Option(
+        help="Joints that others move (legs that walk, hands that grasp): NAME,NAME,..., all that "
+        "the file has, or none.",
+        show_default="the robot file's, else those that do not stand still",
+    ),
+]
 Jobs = Annotated[int, typer.Option(help="Processes; 0: one for every processor.", min=0)]
 Layout = Annotated[
     str | None,

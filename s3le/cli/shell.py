@@ -243,6 +243,21 @@ def how(
     return How(layout, axes, pitch, person, confidence, animation, named).check()
 
 
+def given(said: str | None, robot: "Robot") -> tuple[str, ...]:
+    """Which joints others move, as s3le.motion.fit takes it.
+
+    Args:
+        said: what `--given` says: names parted by commas, all, none; None: nothing.
+        robot: its file may say it too.
+    """
+    from s3le.motion.fit import MOVING
+
+    if said is None:
+        return robot.description.given or (MOVING,)
+    named = tuple(name.strip() for name in said.split(",") if name.strip())
+    return () if named in ((), ("none",)) else named
+
+
 def names(given: str | None) -> list[str] | None:
     """What `--joints` says: names parted by commas, or a file with one a line."""
     if given is None:

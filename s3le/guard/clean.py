@@ -2,22 +2,28 @@
 
 Planning has the first word and no say: a motion holds if the audit (s3le/safety/audit.py) says
 so of the very numbers that will lie in the file. One of which it says so at once is left alone.
+Where others move joints too (legs that walk), steps for which they leave no certified way are
+forced: they are listed, and nothing is claimed of them.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from s3le.errors import CertificateError, S3leError
-from s3le.guard import moved, sense
+from s3le.guard import forced, moved, sense
 from s3le.guard.claim import Claim, with_reserve
+from s3le.guard.forced import Forced
 from s3le.guard.layouts.episode import Episode, Layout
 from s3le.motion.trajectory import BETWEEN
 from s3le.plan.limits import limits
 from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner
+from s3le.plan.wholebody import BodyPlanner
 from s3le.robot.robot import Robot
-from s3le.safety import audit
+from s3le.robot.wholebody import WholeBody, whole_body
+from s3le.safety import audit, wholebody
 
 TRIES = 4  # reserves that are tried where a motion does not hold as it is rounded, each the double
 SAME = 1e-5  # [rad], a row that planning moves less is put back
@@ -29,9 +35,10 @@ class Made(NamedTuple):
 
     q: np.ndarray  # [rad], (m, n), as it will lie in the file
     before: audit.Report  # of the motion as it was
-    after: audit.Report  # of q; holds
+    after: audit.Report  # of q; holds, but for what is forced
     how: np.ndarray  # uint8 (m,), whole.WANTED, PLANNED or DRIVEN
     reserve: float  # [rad], what was kept of every limit because the file rounds
+    forced: tuple[Forced, ...] = ()  # steps for which others leave no certified way
 
 
 class Cleaned(NamedTuple):
@@ -55,6 +62,21 @@ class Guard:
         self.demands = claim.demands(robot)
         self._most = limits(robot, np.array(claim.acceleration), claim.speed_factor)
         self._planner: Planner | None = None
+        self._bodies: dict[tuple[str, ...], WholeBody] = {}
+        self._planners: dict[tuple[str, ...], BodyPlanner] = {}
+
+    def body(self, episode: Episode) -> WholeBody | None:
+        """The robot with the joints that others move in a motion; None: they move none.
+
+        Raises:
+            RobotError: such a joint cannot move in the model.
+        """
+        if episode.others is None:
+            return None
+        names = episode.others.joints
+        if names not in self._bodies:
+            self._bodies[names] = whole_body(self.robot, names)
+        return self._bodies[names]
 
     def check(
         self, episode: Episode, q: np.ndarray, progress: Progress | None = None
@@ -69,11 +91,32 @@ class Guard:
             q: [rad], (m, n), as it is or will be written.
             progress: called with numbers of further rows done, 2 m - 1 in all.
         """
-        at_rows = None
-        if episode.mode is not None:
-            between = (episode.mode == BETWEEN) & (q == episode.q).all(axis=1)
-            at_rows = np.where(between, self.demands.margin_between, self.demands.margin)
+        if episode.others is not None:
+            return self._look(episode, q, progress)[0]
+        at_rows = self._asked(episode, q)
         return audit.audit(self.robot, episode.time, q, self.demands, at_rows, progress)
+
+    def _look(
+        self, episode: Episode, q: np.ndarray, progress: Progress | None = None
+    ) -> tuple[audit.Report, wholebody.Whole | None]:
+        """As check; and where others move joints too, whose pairs are broken."""
+        body, others = self.body(episode), episode.others
+        if body is None or others is None:
+            return self.check(episode, q, progress), None
+        whole = wholebody.look(
+            body, episode.time, q, others.q, self.demands, self._asked(episode, q), progress
+        )
+        return whole.report, whole
+
+    def _asked(self, episode: Episode, q: np.ndarray) -> np.ndarray | None:
+        """Clearance that is asked of each row [m], (m,); None: the margin of all."""
+        if episode.mode is None:
+            return None
+        between = (episode.mode == BETWEEN) & (q == episode.q).all(axis=1)
+        return np.where(between, self.demands.margin_between, self.demands.margin)
+
+    def _forced(self, episode: Episode, whole: wholebody.Whole | None) -> tuple[Forced, ...]:
+        return () if whole is None else forced.found(whole, episode.time, self.demands)
 
     def survey(self, layout: Layout, degrees: bool, progress: Progress | None = None) -> Cleaned:
         """Look at a file without planning: as clean, but what is broken stays so.
@@ -104,6 +147,11 @@ class Guard:
             made.append(self.nearest(one, progress))
             notes += [_named(layout, one, note) for note in self._said(one, made[-1])]
         reports = [one.after for one in made]
+        runs = [
+            (_short(layout, one), run)
+            for one, done in zip(layout.episodes, made, strict=True)
+            for run in done.forced
+        ]
         how = np.concatenate([one.how for one in made])
         summary = self._summary(layout, notes, [one.before for one in made])
         wanted = [one.q for one in layout.episodes]
@@ -117,9 +165,12 @@ class Guard:
             },
             "reserve_rad": max(one.reserve for one in made),
             "after": _merged(layout, reports),
-            "certificate": self._certificate(reports),
+            "certificate": self._certificate(layout, reports),
             "holds": all(report.holds for report in reports),
         }
+        if runs:
+            summary["forced"] = forced.tree(runs)
+            summary["certificate"]["forced"] = summary["forced"]
         q = [
             None if (done.q == one.q).all() else done.q
             for done, one in zip(made, layout.episodes, strict=True)
@@ -133,19 +184,21 @@ class Guard:
             CertificateError: none was found.
         """
         name, time, wanted = episode.name, episode.time, episode.q
-        before = self.check(episode, wanted, progress)
+        before, seen = self._look(episode, wanted, progress)
         m = len(time)
-        if before.holds:
+        if before.holds or (seen and forced.only(seen, np.zeros(m, bool))):
             if progress:
                 progress(work(m) - looks(m))
-            return Made(wanted, before, before, np.full(m, WANTED, np.uint8), 0.0)
+            runs = self._forced(episode, seen)
+            return Made(wanted, before, before, np.full(m, WANTED, np.uint8), 0.0, runs)
         step = float(np.diff(time).min()) if m > 1 else 1.0
         reserve, grain, why = 0.0, 0.0, ""
         for turn in range(TRIES + 1):
             try:
-                planner = self._planned(reserve, step)
-                plan = planner.plan(time, wanted, progress=None if turn else progress)
-                written = episode.as_written(plan.q)
+                q, how, given_way = self._plan(
+                    episode, reserve, step, None if turn else progress
+                )  # fmt: skip
+                written = episode.as_written(q)
             except S3leError as refusal:
                 tail = (
                     f" (with a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
@@ -154,18 +207,19 @@ class Guard:
             # Rows that planning hardly moved stay as they are, to the bit, if all holds so too.
             still = (np.abs(written - wanted) < SAME).all(axis=1)
             put_back = np.where(still[:, None], wanted, written)
-            after = self.check(episode, put_back, None if turn else progress)
-            if after.holds:
+            after, seen = self._look(episode, put_back, None if turn else progress)
+            good = after.holds or (seen is not None and forced.only(seen, given_way))
+            if good:
                 written = put_back
             elif not (put_back == written).all():
-                after = self.check(episode, written)
-            if after.holds:
-                how = np.where(
-                    (written == wanted).all(axis=1), WANTED, np.maximum(plan.how, PLANNED)
-                )
-                return Made(written, before, after, how.astype(np.uint8), reserve)
+                after, seen = self._look(episode, written)
+                good = after.holds or (seen is not None and forced.only(seen, given_way))
+            if good:
+                how = np.where((written == wanted).all(axis=1), WANTED, np.maximum(how, PLANNED))
+                runs = self._forced(episode, seen)
+                return Made(written, before, after, how.astype(np.uint8), reserve, runs)
             why = after.complaint
-            grain = max(grain, float(np.abs(written - plan.q).max()))
+            grain = max(grain, float(np.abs(written - q).max()))
             if not grain > 0.0:  # also NaN: no reserve will help
                 break
             reserve = grain * 2.0**turn
@@ -184,6 +238,27 @@ class Guard:
             self._planned(0.0, 1.0).warm_up()
         audit.audit(self.robot, np.arange(3.0), np.tile(self.robot.anchor, (3, 1)), self.demands)
 
+    def _plan(
+        self, episode: Episode, reserve: float, step: float, progress: Progress | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The nearest motion, how its rows came about, and which steps are forced, bool (m,)."""
+        body, others = self.body(episode), episode.others
+        if body is None or others is None:
+            plan = self._planned(reserve, step).plan(episode.time, episode.q, progress=progress)
+            return plan.q, plan.how, np.zeros(len(plan.q), bool)
+        planner = self._planned_among(body, reserve, step)
+        made = planner.among(episode.time, episode.q, others.q, progress)
+        return made.q, made.how, made.forced
+
+    def _planned_among(self, body: WholeBody, reserve: float, step: float) -> BodyPlanner:
+        if not reserve and body.given in self._planners:
+            return self._planners[body.given]
+        robot, most, settings = with_reserve(self.robot, self.claim, reserve, step)
+        made = BodyPlanner(replace(body, base=robot), most, settings)
+        if not reserve:
+            self._planners[body.given] = made
+        return made
+
     def _planned(self, reserve: float, step: float) -> Planner:
         if reserve:
             return Planner(*with_reserve(self.robot, self.claim, reserve, step))
@@ -194,7 +269,12 @@ class Guard:
     def _refuse(self, layout: Layout, degrees: bool) -> list[str]:
         notes: list[str] = []
         for one in layout.episodes:
-            said = sense.refuse_foreign(one.name, self.robot, one.q, degrees)
+            said, body = [], self.body(one)
+            if body is None or one.others is None:
+                said += sense.refuse_foreign(one.name, self.robot, one.q, degrees)
+            else:
+                whole = body.poses(one.q, one.others.q)
+                said += sense.refuse_foreign(one.name, body.robot, whole, degrees)
             said += sense.jumps(self.robot, one.time, one.q, self._most)
             notes += [_named(layout, one, note) for note in [*one.notes, *said]]
         return notes
@@ -202,7 +282,7 @@ class Guard:
     def _said(self, one: Episode, made: Made) -> list[str]:
         """What a person should know about the first row, from which a robot would begin."""
         at = made.before.clearance[0]
-        if at >= self.demands.margin:
+        if at >= self.demands.margin or (one.others is not None and (made.q[0] == one.q[0]).all()):
             return []
         by = float(np.rad2deg(np.abs(made.q[0] - one.q[0]).max()))
         return [
@@ -213,7 +293,9 @@ class Guard:
     def _summary(
         self, layout: Layout, notes: list[str], before: list[audit.Report]
     ) -> dict[str, Any]:
-        return {
+        names = list(dict.fromkeys(name for one in layout.episodes for name in _given(one)))
+        given = {"given": {"joints": names, "breaks": forced.breaks(before)}} if names else {}
+        return given | {
             "robot": self.robot.tag,
             "joints": list(self.robot.joint_names),
             "claim": {
@@ -228,22 +310,32 @@ class Guard:
             "before": _merged(layout, before),
         }
 
-    def _certificate(self, reports: list[audit.Report]) -> dict[str, Any]:
+    def _certificate(self, layout: Layout, reports: list[audit.Report]) -> dict[str, Any]:
         """One certificate over all episodes."""
         whole = audit.certificate(self.robot, self.demands, reports[0])
+        bodies = [body for one in layout.episodes if (body := self.body(one)) is not None]
+        for body in bodies:
+            also = wholebody.certificate(body, self.demands, reports[0])
+            whole["given"] = list(dict.fromkeys([*whole.get("given", []), *also["given"]]))
+            pairs = whole["not_covered"]
+            whole["not_covered"] = pairs + [p for p in also["not_covered"] if p not in pairs]
         rows = sum(report.rows for report in reports)
         bounds = [report.bound for report in reports if report.rows > 1]
         whole["poses"] |= {
             "checked": rows, "least_clearance_m": min(report.least for report in reports),
         }  # fmt: skip
+        paths = [check for report in reports for check in report.checks if check.name == "paths"]
+        bound = float(np.min(bounds)) if bounds else np.nan  # NaN: some path is not proven
         whole["paths"] = {
-            "proven": rows - len(reports),
-            "bound_m": float(np.min(bounds)) if bounds else None,
+            "proven": sum(check.total - check.broken for check in paths),
+            "bound_m": bound if np.isfinite(bound) else None,
         }
         whole["covers"] = (
             "watched pairs of the modelled capsules on straight joint paths, "
             "accelerations as second differences of rows; no dynamics, no tracking error"
         )
+        if bodies:
+            whole["covers"] += "; given joints as the motion has them, no floor"
         return whole | {"holds": all(report.holds for report in reports)}
 
 
@@ -255,6 +347,10 @@ def looks(rows: int) -> int:
 def work(rows: int) -> int:
     """Rows that `nearest` tells its progress of, for an episode of so many."""
     return 5 * rows - 2
+
+
+def _given(episode: Episode) -> tuple[str, ...]:
+    return () if episode.others is None else episode.others.joints
 
 
 def _short(layout: Layout, episode: Episode) -> str:

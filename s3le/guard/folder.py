@@ -10,8 +10,10 @@ from typing import Any, NamedTuple, cast
 
 from s3le.errors import CertificateError, S3leError, TrajectoryError
 from s3le.guard.clean import Cleaned
+from s3le.guard.forced import sentence
 from s3le.guard.places import Piece, fingerprint
 from s3le.guard.task import Cleaning, Reading, decode, opened
+from s3le.motion.fit import Others
 from s3le.robot.robot import Robot
 from s3le.store import documents, sidecar
 from s3le.tuples.engine import key, run
@@ -19,8 +21,8 @@ from s3le.tuples.engine.parcel import Refusal
 from s3le.tuples.engine.task import Job, Task
 
 FORMAT = "guard 1"
-CERTIFIED, MADE, BROKEN, REFUSED, UNREADABLE = (
-    "certified", "made certified", "broken", "refused", "unreadable",
+CERTIFIED, MADE, FORCED, BROKEN, REFUSED, UNREADABLE = (
+    "certified", "made certified", "forced", "broken", "refused", "unreadable",
 )  # fmt: skip
 _WHOLE = {
     "frames", "seconds", "episodes", "before", "after", "moved", "certificate", "changed", "holds",
@@ -32,10 +34,11 @@ class Record(NamedTuple):
     """What became of one file."""
 
     piece: Piece
-    status: str  # CERTIFIED: it was so already; MADE; BROKEN: looked at only; REFUSED; UNREADABLE
+    status: str  # CERTIFIED: it was so already; MADE; FORCED: but for steps for which given joints
+    # leave no way; BROKEN: looked at only; REFUSED; UNREADABLE
     kept: bool  # an earlier run had made it
     summary: dict[str, Any]  # see clean.Guard; empty where there is none
-    why: str  # there is no answer; else empty
+    why: str  # there is no answer, or steps are forced; else empty
 
     @property
     def good(self) -> bool:
@@ -75,7 +78,7 @@ def process(
             yield Record(piece, UNREADABLE, False, {}, why)
             continue
         if not check and (summary := finished(piece, held, tag)):
-            yield Record(piece, _status(summary), True, summary, "")
+            yield Record(piece, _status(summary), True, summary, _why(summary))
             continue
         todo.append(piece)
         hashes.append(held)
@@ -85,7 +88,7 @@ def process(
         if isinstance(found, Cleaned) and not check:
             try:
                 summary = put(piece, found, robot, task.reading, tag, hashes[number])
-                yield Record(piece, _status(summary), False, summary, "")
+                yield Record(piece, _status(summary), False, summary, _why(summary))
                 continue
             except CertificateError as error:
                 found = Refusal(False, str(error))
@@ -103,7 +106,7 @@ def _found(
 ) -> Iterator[tuple[int, Cleaned | Refusal]]:
     jobs = [Job(number, 1) for number in range(count)]
     if where.executor == "local" and (where.workers == 1 or count <= 1):
-        guard = opened(task.files, task.claim) if count else None
+        guard = opened(task.files, task.claim, task.change) if count else None
         for job in jobs:
             assert guard is not None  # there is a job
             yield job.number, task.clean(guard, job.number, bar)
@@ -150,7 +153,10 @@ def put(
     layout.write(piece.target, q, about)
     written = reading.open(piece.target, robot)
     same = len(written.episodes) == len(q) and all(
-        new.q.shape == old.shape and (new.q == old).all() and (new.time == one.time).all()
+        new.q.shape == old.shape
+        and (new.q == old).all()
+        and (new.time == one.time).all()
+        and _same(new.others, one.others)
         for new, old, one in zip(written.episodes, q, layout.episodes, strict=True)
     )
     if not same:
@@ -171,10 +177,17 @@ def put(
     return summary
 
 
+def _same(one: Others | None, other: Others | None) -> bool:
+    """Do others move the same joints in the same way?"""
+    if one is None or other is None:
+        return one is other
+    return one.joints == other.joints and bool((one.q == other.q).all())
+
+
 def finished(piece: Piece, held: str, tag: str) -> dict[str, Any] | None:
     """The summary of a result that an earlier run has finished for the same input and code."""
     summary = _said(piece)
-    if summary is None or summary.get("holds") is not True:
+    if summary is None or not (summary.get("holds") is True or summary.get("forced")):
         return None
     if not sidecar.answers(summary, held, tag):
         return None
@@ -203,4 +216,10 @@ def _said(piece: Piece) -> dict[str, Any] | None:
 
 
 def _status(summary: dict[str, Any]) -> str:
+    if summary.get("forced"):
+        return FORCED
     return MADE if summary["changed"] else CERTIFIED
+
+
+def _why(summary: dict[str, Any]) -> str:
+    return sentence(summary) if summary.get("forced") else ""

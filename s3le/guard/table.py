@@ -32,9 +32,11 @@ def guard(margin: float) -> Table:
         columns={
             "file": Column(pl.String(), "-", "path below what was given"),
             "status": Column(
-                pl.String(), "-", "certified (already), made certified, refused or unreadable"
+                pl.String(),
+                "-",
+                "certified (already), made certified, forced, refused or unreadable",
             ),
-            "why": Column(pl.String(), "-", "there is no result; else empty"),
+            "why": Column(pl.String(), "-", "there is no result, or steps are forced"),
             "episodes": Column(pl.Int64(), "-", "motions in the file"),
             "frames": Column(pl.Int64(), "-", "rows of all its motions"),
             "seconds": Column(pl.Float64(), "s", "length of all its motions"),

@@ -16,6 +16,7 @@ from s3le.guard.layouts.door import open_layout
 from s3le.guard.layouts.episode import Layout
 from s3le.guard.places import fingerprint
 from s3le.robot.robot import Files, Robot
+from s3le.robot.wholebody import with_joints
 from s3le.tuples.engine import parcel
 from s3le.tuples.engine.parcel import Refusal
 from s3le.tuples.engine.task import Job, Made
@@ -28,6 +29,7 @@ class Reading(NamedTuple):
     joints: tuple[str, ...] | None = None
     degrees: bool = False
     column: str | None = None
+    given: tuple[str, ...] = ()  # joints that others move, see motion.fit
 
     def open(self, path: Any, robot: Robot) -> Layout:
         """Read a file.
@@ -51,10 +53,11 @@ class Cleaning:
     check: bool  # look only
     sources: tuple[str, ...]  # paths
     hashes: tuple[str, ...]  # of what they hold
+    change: tuple[str, ...] = ()  # joints beyond the robot file's that may be changed too
 
     def about(self) -> Mapping[str, Any]:
         """What can change a result beside the file, code and machine; see engine.task."""
-        made = opened(self.files, self.claim).robot
+        made = opened(self.files, self.claim, self.change).robot
         return {
             "table": self.table,
             "robot": made.tag,
@@ -68,7 +71,7 @@ class Cleaning:
 
     def make(self, job: Job) -> Made:
         """Clean one file; see engine.task. What it is refused for is a result too."""
-        guard = opened(self.files, self.claim)
+        guard = opened(self.files, self.claim, self.change)
         return Made(job, encode(self.clean(guard, job.number)), {})
 
     def clean(self, guard: Guard, number: int, bar: Any = None) -> Cleaned | Refusal:
@@ -99,9 +102,16 @@ class Cleaning:
 
 
 @cache
-def opened(files: Files, claim: Claim) -> Guard:
-    """The robot and its planner, made once in a process."""
-    return Guard(Robot.from_bytes(files), claim)
+def opened(files: Files, claim: Claim, change: tuple[str, ...] = ()) -> Guard:
+    """The robot and its planner, made once in a process.
+
+    Args:
+        files: of the robot.
+        claim: what is asked.
+        change: joints beyond the robot file's that are ours too.
+    """
+    robot = Robot.from_bytes(files)
+    return Guard(with_joints(robot, change) if change else robot, claim)
 
 
 def encode(found: Cleaned | Refusal) -> bytes:

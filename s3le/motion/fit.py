@@ -1,7 +1,7 @@
 """A trajectory held against a robot: its joints in the robot's order, nothing silently dropped."""
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from math import radians
@@ -11,8 +11,10 @@ import numpy as np
 
 from s3le.errors import TrajectoryError
 from s3le.motion.trajectory import Trajectory
+from s3le.robot.description import ALL
 from s3le.robot.model import Geometry
 
+MOVING = "moving"  # as the only one given: those that do not stand where the robot file has them
 ENDINGS = ("_pos", ".pos", "_position", "_dof", ".dof", "_rad")  # that other tools add to names
 BASE = re.compile(r"(root|base|floating_base|pelvis|free_?joint)([_. ].*)?", re.IGNORECASE)
 FREE = {*"xyz", "tx", "ty", "tz", "qw", "qx", "qy", "qz", "roll", "pitch", "yaw"}
@@ -20,14 +22,24 @@ HELD_WITHIN = 1e-6  # [rad] or [m], how exactly a joint must stand where the rob
 WILD = 5.0  # so many times as far from zero as a range goes is no angle in radians
 
 
+class Others(NamedTuple):
+    """What a motion says of joints that others move."""
+
+    joints: tuple[str, ...]
+    q: np.ndarray  # [rad], (m, k)
+
+
 class Fitted(NamedTuple):
     """A trajectory of the robot's own joints, and what a person should know about it."""
 
     trajectory: Trajectory
     notes: list[str]
+    others: Others | None = None  # None: every other joint stands where the robot file holds it
 
 
-def fit(trajectory: Trajectory, robot: Geometry, degrees: bool = False) -> Fitted:
+def fit(
+    trajectory: Trajectory, robot: Geometry, degrees: bool = False, given: Sequence[str] = ()
+) -> Fitted:
     """Bring a trajectory's joints into the order of the robot's.
 
     Columns of a free base do not move the bodies against each other and are left out. A joint of
@@ -37,10 +49,12 @@ def fit(trajectory: Trajectory, robot: Geometry, degrees: bool = False) -> Fitte
         trajectory: from any file.
         robot: whose it is said to be.
         degrees: its angles are in degrees.
+        given: joints that others move; MOVING: those that do not stand where the robot file holds
+            them; ALL: whatever the file has.
 
     Raises:
-        TrajectoryError: a joint of the robot is missing, one that it holds still moves, or a
-            column is neither a joint nor a base.
+        TrajectoryError: a joint of the robot is missing, one that it holds still moves, a given
+            one is missing or no joint, or a column is neither a joint nor a base.
     """
     name, notes = trajectory.name, []
     kinds = urdf_joints(robot)
@@ -71,7 +85,9 @@ def fit(trajectory: Trajectory, robot: Geometry, degrees: bool = False) -> Fitte
         raise TrajectoryError(
             f"{name}: column '{foreign[0]}' is no joint of {robot.description.urdf.name}{hint}"
         )
-    for joint in at.keys() - set(robot.joint_names):
+    moved = _given(name, at, q, robot, given)
+    others = Others(moved, np.ascontiguousarray(q[:, [at[joint] for joint in moved]]))
+    for joint in at.keys() - {*robot.joint_names, *moved}:
         held = robot.description.hold.get(joint, 0.0)
         off = np.abs(q[:, at[joint]] - held)
         if not (off <= HELD_WITHIN).all():
@@ -93,7 +109,32 @@ def fit(trajectory: Trajectory, robot: Geometry, degrees: bool = False) -> Fitte
             f"this is {robot.name} {robot.digest}"
         )
     q.setflags(write=False)
-    return Fitted(replace(trajectory, joints=tuple(robot.joint_names), q=q), notes)
+    own = replace(trajectory, joints=tuple(robot.joint_names), q=q)
+    return Fitted(own, notes, others if moved else None)
+
+
+def _given(
+    name: str, at: dict[str, int], q: np.ndarray, robot: Geometry, given: Sequence[str]
+) -> tuple[str, ...]:
+    """The joints that others move, in the file's order."""
+    rest = [joint for joint in at if joint not in robot.joint_names]
+    if list(given) == [ALL]:
+        return tuple(rest)
+    if list(given) == [MOVING]:
+        hold = robot.description.hold
+        return tuple(
+            joint
+            for joint in rest
+            if not (np.abs(q[:, at[joint]] - hold.get(joint, 0.0)) <= HELD_WITHIN).all()
+        )
+    for joint in given:
+        if joint in robot.joint_names:
+            raise TrajectoryError(f"{name}: '{joint}' is {robot.name}'s own and is not given")
+        if joint not in at:
+            near = get_close_matches(joint, rest, n=1)
+            hint = f"; is it '{near[0]}'?" if near else ""
+            raise TrajectoryError(f"{name}: has no column of the given joint '{joint}'{hint}")
+    return tuple(joint for joint in rest if joint in given)
 
 
 def urdf_joints(robot: Geometry) -> dict[str, str]:

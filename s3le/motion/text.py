@@ -100,6 +100,19 @@ def read(path: Path, fps: float | None, joints: Sequence[str] | None) -> Traject
     return interpret(str(path), table, fps, joints, about, 1 if nameless else 2, "line")
 
 
+def nameless(path: Path) -> bool:
+    """Has a CSV no names for its columns, neither in its first line nor in what lies beside it?
+
+    Raises:
+        TrajectoryError: see content.
+    """
+    data, text = content(path)
+    first = text.splitlines()[0]
+    if not all(is_number(field.strip()) for field in first.split(comma_of(first))):
+        return False
+    return listed(read_side(side_file(path), data)) is None
+
+
 def content(path: Path) -> tuple[bytes, str]:
     """The bytes of a CSV, and its text.
 

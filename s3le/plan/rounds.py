@@ -27,6 +27,8 @@ class Aim(NamedTuple):
     x: np.ndarray  # (m, 21), skeleton of the wanted pose; (0, 21): there is none
     bone: np.ndarray  # (21,), weights of the skeleton's components
     W: np.ndarray  # (m or 1, n, n), weights of the joints beside it
+    whole: np.ndarray  # [rad], (m, N), poses of all joints of the chain; those of ours are not read
+    own: np.ndarray  # int64 (n,), which of the N are ours; all, where nobody else moves any
 
 
 class Custom(NamedTuple):
@@ -88,20 +90,20 @@ def bound(p, m, times, lower, upper, speed, acceleration):
 
 
 @compiled
-def _add(p, t, count, d, G, need, share):
+def _add(p, t, count, d, G, own, need, share):
     """Rows for the pairs found, at a share of the way from frame t to the next.
 
     Pairs for which there is no room are left to the proof, which looks at all of them.
     """
-    n = G.shape[1]
+    n = len(own)
     k = p.count[0]
     for j in range(count):
         if k >= len(p.frame):
             return
         p.frame[k] = t
         for i in range(n):
-            p.row[k, 0, i] = (1.0 - share) * G[j, i]
-            p.row[k, 1, i] = share * G[j, i]
+            p.row[k, 0, i] = (1.0 - share) * G[j, own[i]]
+            p.row[k, 1, i] = share * G[j, own[i]]
         p.need[k] = need - d[j]
         k += 1
     p.count[0] = k
@@ -120,16 +122,17 @@ def linearise(chain, balls, p, m, aim, target, between, custom):
             none.
         custom: a Custom.
     """
-    n = p.q.shape[1]
-    R = np.empty((n + 1, 3, 3))
-    at = np.empty((n + 1, 3))
-    z = np.empty((n, 3))
+    n, every = p.q.shape[1], aim.whole.shape[1]
+    own = aim.own
+    R = np.empty((every + 1, 3, 3))
+    at = np.empty((every + 1, 3))
+    z = np.empty((every, 3))
     ends = np.empty((len(chain.body_frame), 3, 3))
     x = np.empty(21)
-    J = np.empty((21, n))
+    J = np.empty((21, every))
     d = np.empty(len(chain.pair))
-    G = np.empty((len(chain.pair), n))
-    middle = np.empty(n)
+    G = np.empty((len(chain.pair), every))
+    pose = np.empty(every)
     p.count[0] = 0
     for t in range(m):
         if not p.fixed[t]:
@@ -139,28 +142,34 @@ def linearise(chain, balls, p, m, aim, target, between, custom):
                 for j in range(n):
                     p.H[t, i, j] = W[i, j]
                     p.g[t, i] += W[i, j] * (p.q[t, j] - aim.wanted[t, j])
-            place(chain, p.q[t], R, at, z)
+            for i in range(every):
+                pose[i] = aim.whole[t, i]
+            for i in range(n):
+                pose[own[i]] = p.q[t, i]
+            place(chain, pose, R, at, z)
             if len(aim.x) > 0:
                 bones(chain, R, at, z, x, J)
                 for k in range(21):
                     off = aim.bone[k] * (x[k] - aim.x[t, k])
                     for i in range(n):
-                        p.g[t, i] += J[k, i] * off
-                        c = aim.bone[k] * J[k, i]
+                        p.g[t, i] += J[k, own[i]] * off
+                        c = aim.bone[k] * J[k, own[i]]
                         if c != 0.0:
                             for j in range(n):
-                                p.H[t, i, j] += c * J[k, j]
+                                p.H[t, i, j] += c * J[k, own[j]]
             place_capsules(chain, R, at, ends)
             found = near_pairs(chain, ends, balls, at, z, target[t] + custom.band, d, G)
-            _add(p, t, found, d, G, target[t], 0.0)
+            _add(p, t, found, d, G, own, target[t], 0.0)
         if between[t] > 0.0 and t + 1 < m and not (p.fixed[t] and p.fixed[t + 1]):
             share = between[t]
+            for i in range(every):
+                pose[i] = (1.0 - share) * aim.whole[t, i] + share * aim.whole[t + 1, i]
             for i in range(n):
-                middle[i] = (1.0 - share) * p.q[t, i] + share * p.q[t + 1, i]
-            place(chain, middle, R, at, z)
+                pose[own[i]] = (1.0 - share) * p.q[t, i] + share * p.q[t + 1, i]
+            place(chain, pose, R, at, z)
             place_capsules(chain, R, at, ends)
             found = near_pairs(chain, ends, balls, at, z, target[t] + custom.band, d, G)
-            _add(p, t, found, d, G, target[t], share)
+            _add(p, t, found, d, G, own, target[t], share)
 
 
 def settle_window(

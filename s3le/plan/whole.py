@@ -68,11 +68,15 @@ class Planner:
         self.most = limits.limits(robot) if most is None else most
         self._care = self.settings.care(robot)
         self._custom, self._bounds = self.settings.custom(), bounds(self.most)
-        self._swept = swept(robot.chain)
-        self._scratch = segment.scratch(robot.chain)
+        self._moves(robot, np.arange(robot.n_dof))
         self._program = program(0, robot.n_dof, 0)
-        self._certifier = robot.certifier()
         self._joints = weights.of_joints(robot)
+
+    def _moves(self, every: Robot, own: np.ndarray) -> None:
+        """Note what is measured and proven: all joints that move, and which of them are ours."""
+        self._chain, self._own = every.chain, own
+        self._swept, self._scratch = swept(every.chain), segment.scratch(every.chain)
+        self._certifier = every.certifier()
 
     def plan(
         self,
@@ -160,7 +164,7 @@ class Planner:
             inside = np.clip(wanted, self.most.lower, self.most.upper)
             x = np.empty((len(wanted), DIM))
             batch._skeletons(self.robot.chain, inside, x)
-        return rounds.Aim(wanted, x, bone, weight)
+        return rounds.Aim(wanted, x, bone, weight, wanted, self._own)
 
 
 class _Job:
@@ -191,11 +195,15 @@ class _Job:
             self._progress(rows - self._done)
             self._done = rows
 
+    def poses(self) -> np.ndarray:
+        """Poses of all joints that move [rad], (m, N): ours, where nobody else moves any."""
+        return self.q
+
     def measure(self, first: int, last: int) -> None:
         """Clearances of rows first to last - 1, and proofs of the paths that end there."""
         its = self.its
         examine(
-            its.robot.chain, its._swept, its._scratch, self.q, its._care, first, last,
+            its._chain, its._swept, its._scratch, self.poses(), its._care, first, last,
             self.clearance, self.proven, self.where, self.bound,
         )  # fmt: skip
         # As near to the margin as two engines may differ, the independent one has the word.
@@ -203,7 +211,7 @@ class _Job:
         margin = its.robot.margin
         near = first + np.flatnonzero(np.abs(self.clearance[part] - margin) < AGREEMENT)
         for row in near:
-            found = its._certifier.one(self.q[row])[0]
+            found = its._certifier.one(self.poses()[row])[0]
             self.clearance[row] = (
                 max(found, margin) if found >= margin else min(found, np.nextafter(margin, 0.0))
             )
@@ -275,12 +283,12 @@ class _Job:
         x, W = self.aim.x, self.aim.W
         aim = rounds.Aim(
             self.wanted[rows], x[rows] if len(x) else x, self.aim.bone,
-            W[rows] if len(W) > 1 else W,
+            W[rows] if len(W) > 1 else W, self.poses()[rows], its._own,
         )  # fmt: skip
         target = np.full(m, its.settings.target)
         between, out = np.zeros(m), np.zeros(3)
         own = slice(start, min(stop + 1, len(self.q)))
-        chain, balls = its.robot.chain, its._swept.balls
+        chain, balls = its._chain, its._swept.balls
         custom = (
             its._custom._replace(soft=its._custom.stiff, rounds=_BURST) if again else its._custom
         )

@@ -26,15 +26,16 @@ MAPPED = (
 ARMS = {side: tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "hand")) for side in "rl"}
 _KEYS = (
     "name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation",
-    "srdf", "hulls", "velocity", "acceleration",
+    "srdf", "hulls", "velocity", "acceleration", "given",
 )  # fmt: skip
 _OPTIONAL: dict[str, Any] = {
     "srdf": None, "hulls": None, "base_rpy": [0.0, 0.0, 0.0], "hold": {}, "velocity": {},
-    "acceleration": {}, "pair_inflation": 1.1,
+    "acceleration": {}, "pair_inflation": 1.1, "given": [],
 }  # fmt: skip
 WIDEST = 100.0  # [rad] an angle beyond this is damage or another unit
 LARGEST = 64 * 2**20  # [bytes] of any file that a robot file names
 HARDEST = 1e5  # [rad/s^2] an acceleration beyond this is damage or another unit
+ALL = "all"  # as the only one given: whatever a motion says of other joints
 FARTHEST = 10.0  # [m] a length or a place beyond this is damage or another unit
 
 
@@ -65,6 +66,7 @@ class Description:
     velocity: dict[str, float]  # joint -> limit [rad/s], where the URDF's is not to be used
     acceleration: dict[str, float]  # joint -> limit [rad/s^2]; not named: the default's
     pair_inflation: float  # [-]
+    given: tuple[str, ...]  # joints that others move, in motions that say how; or ALL
     files: dict[str, bytes] = field(repr=False)  # robot, urdf, srdf, hulls: as they were read
 
 
@@ -147,6 +149,7 @@ def read_description(path: Path, held: Mapping[str, bytes] | None = None) -> Des
         velocity=_limits(path, "velocity", tree["velocity"], 1e3),
         acceleration=_accelerations(path, tree["acceleration"], list(map(str, joints))),
         pair_inflation=_number(path, "pair_inflation", tree["pair_inflation"], 1.0, 10.0),
+        given=_given(path, tree["given"], list(map(str, joints))),
         files={"robot": own}
         | {
             key: held[file.name] if held is not None else _bytes(file, LARGEST)
@@ -211,6 +214,19 @@ def _limits(path: Path, key: str, value: Any, most: float) -> dict[str, float]:
         str(joint): _number(path, f"{key}.{joint}", limit, 1e-3, most)
         for joint, limit in _mapping(path, key, value).items()
     }
+
+
+def _given(path: Path, value: Any, joints: list[str]) -> tuple[str, ...]:
+    """Joints that others move."""
+    if value == ALL:
+        return (ALL,)
+    if not isinstance(value, list) or len(set(map(str, value))) != len(value):
+        raise RobotError(
+            f"{path}: given must be a list of different joint names, or {ALL}, got {value!r}"
+        )
+    if both := [name for name in map(str, value) if name in joints]:
+        raise RobotError(f"{path}: '{both[0]}' is both decided here (joints) and given (given)")
+    return tuple(map(str, value))
 
 
 def _accelerations(path: Path, value: Any, joints: list[str]) -> dict[str, float]:

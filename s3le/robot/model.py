@@ -17,7 +17,15 @@ import pinocchio as pin
 
 from s3le.errors import RobotError
 from s3le.robot import srdf, urdf
-from s3le.robot.description import ARMS, FARTHEST, WIDEST, Description, Place, read_description
+from s3le.robot.description import (
+    ALL,
+    ARMS,
+    FARTHEST,
+    WIDEST,
+    Description,
+    Place,
+    read_description,
+)
 
 
 class Body(NamedTuple):
@@ -191,7 +199,10 @@ def _reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
         reason = "; ".join([*printed[:1], " ".join(str(error).split())[:200]])
         raise RobotError(f"{text.urdf}: pinocchio cannot read it ({reason})") from None
     named = list(model.names)[1:]
-    for key, wanted in (("joints", text.joints), ("hold", text.hold)):
+    named_by_others = tuple(name for name in text.given if name != ALL)
+    for key, wanted in (
+        ("joints", text.joints), ("hold", text.hold), ("given", named_by_others),
+    ):  # fmt: skip
         for name in wanted:
             if name not in named:
                 raise RobotError(

@@ -66,6 +66,10 @@ class Report(NamedTuple):
     bound: float  # [m], proven lower bound of the clearance on all paths; NaN: not all are proven
     fastest: float  # [rad/s], highest speed of any joint
     clearance: np.ndarray  # [m], (n,), of every pose by coal; NaN: no pose
+    given: tuple[Check, ...] = ()  # limits and so on of joints that others move; nothing is held
+    # against them, and so it is not counted
+    apart: tuple[Check, ...] = ()  # poses and paths, pairs that such joints alone move; these are
+    # counted among `checks` too
 
     @property
     def holds(self) -> bool:
@@ -226,7 +230,7 @@ def not_covered(robot: Robot) -> list[dict[str, str]]:
 
 def tree(report: Report) -> dict[str, Any]:
     """A report as JSON can hold it; what is not known is null."""
-    return {
+    found = {
         "holds": report.holds,
         "rows": report.rows,
         "seconds": report.seconds,
@@ -236,17 +240,25 @@ def tree(report: Report) -> dict[str, Any]:
         "proven_bound_m": _number(report.bound),
         "fastest_rad_s": _number(report.fastest),
         "first": _tree(report.first),
-        "checks": {
-            check.name: {
-                "unit": check.unit,
-                "total": check.total,
-                "broken": check.broken,
-                "undecided": check.undecided,
-                "first": _tree(check.first),
-                "worst": [_tree(one) for one in check.worst],
-            }
-            for check in report.checks
-        },
+        "checks": _checks(report.checks),
+    }
+    if report.given:
+        found["given"] = _checks(report.given)
+        found["moved_by_given_joints_alone"] = _checks(report.apart)
+    return found
+
+
+def _checks(checks: tuple[Check, ...]) -> dict[str, Any]:
+    return {
+        check.name: {
+            "unit": check.unit,
+            "total": check.total,
+            "broken": check.broken,
+            "undecided": check.undecided,
+            "first": _tree(check.first),
+            "worst": [_tree(one) for one in check.worst],
+        }
+        for check in checks
     }
 
 

@@ -40,6 +40,7 @@ def read(
     fps: float | None = None,
     joints: Sequence[str] | None = None,
     degrees: bool = False,
+    given: Sequence[str] = (),
     about: Mapping[str, Any] | None = None,
     numbered: bool = False,
     first: int = 0,
@@ -54,6 +55,7 @@ def read(
         fps: rows per second [Hz], instead of what the arrays say.
         joints: names of the columns, instead of those that the arrays say.
         degrees: angles are in degrees.
+        given: joints that others move, see motion.fit.
         about: what the file says about itself.
         numbered: who writes this layout without names writes joints as MuJoCo numbers them.
         first, row_is: see trajectory.make.
@@ -94,8 +96,8 @@ def read(
         notes += matched.kept(others, "arrays")
     rows = len(next(iter(columns.values())))
     one = matched.episode(
-        name, columns, clock(name, table, rows, fps), robot, degrees=degrees, about=about,
-        mode=mode if mode is not None and mode.shape == (rows,) else None, notes=notes,
+        name, columns, clock(name, table, rows, fps), robot, degrees=degrees, given=given,
+        about=about, mode=mode if mode is not None and mode.shape == (rows,) else None, notes=notes,
         first=first, row_is=row_is,
     )  # fmt: skip
     return Found(one, place)

@@ -9,7 +9,7 @@ from s3le.guard.layouts import hdf5, lerobot, npz, parquet, pickled, text
 from s3le.guard.layouts.episode import Layout
 from s3le.robot.model import Geometry
 
-_Open = Callable[[Path, Geometry, float | None, Sequence[str] | None, bool], Layout]
+_Open = Callable[[Path, Geometry, float | None, Sequence[str] | None, bool, Sequence[str]], Layout]
 _OPEN: dict[str, _Open] = {
     ".parquet": parquet.open_parquet,
     ".csv": text.open_csv,
@@ -42,6 +42,7 @@ def open_layout(
     fps: float | None = None,
     joints: Sequence[str] | None = None,
     degrees: bool = False,
+    given: Sequence[str] = (),
     column: str | None = None,
 ) -> Layout:
     """Read the motions of a file or folder, and remember how they were written.
@@ -52,6 +53,7 @@ def open_layout(
         fps: rows per second [Hz], instead of the file's own times.
         joints: names of the columns, for files that have none.
         degrees: the angles are in degrees.
+        given: joints that others move, see motion.fit; any other stands as the robot file says.
         column: of a LeRobot folder: which column holds the joints; None: action.
 
     Raises:
@@ -66,7 +68,7 @@ def open_layout(
                     f"{path}: is a folder without {lerobot.INFO}, so no LeRobot data set; name "
                     "its files"
                 )
-            return lerobot.open_lerobot(path, robot, fps, joints, degrees, column)
+            return lerobot.open_lerobot(path, robot, fps, joints, degrees, given, column)
         if column is not None:
             raise TrajectoryError(f"{path}: a column is named of LeRobot's folders alone")
         if path.exists() and not path.is_file():
@@ -80,7 +82,7 @@ def open_layout(
             name = "Python 3's pickle" if _BEGIN[kind] == b"\x80" else kind[1:]
             what = "is empty" if not begin else f"is no {name}"
             raise TrajectoryError(f"{path}: {what}")
-        return _OPEN[kind](path, robot, fps, joints, degrees)
+        return _OPEN[kind](path, robot, fps, joints, degrees, given)
     except OSError as error:
         raise TrajectoryError(f"{path}: {error.strerror or error}") from None
 

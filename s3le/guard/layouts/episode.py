@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from s3le.guard.layouts.numbers import Numbers
+from s3le.motion.fit import Others
 
 GUARDED = "guarded"  # mode of a row that was changed, in files that have a column of modes
 
@@ -26,6 +27,7 @@ class Episode(NamedTuple):
     notes: list[str]  # what was assumed, and what stays as it is
     numbers: Numbers  # how the file writes these angles
     mode: np.ndarray | None = None  # str (m,), how each row came about; see trajectory.BETWEEN
+    others: Others | None = None  # joints that others move; they stay as they are, to the bit
 
     def as_written(self, q: np.ndarray) -> np.ndarray:
         """The angles that a file holds after `write` was given q [rad], (m, n).

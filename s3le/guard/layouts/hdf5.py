@@ -74,7 +74,12 @@ class Hdf5Layout:
 
 
 def open_hdf5(
-    path: Path, robot: Geometry, fps: float | None, joints: Sequence[str] | None, degrees: bool
+    path: Path,
+    robot: Geometry,
+    fps: float | None,
+    joints: Sequence[str] | None,
+    degrees: bool,
+    given: Sequence[str],
 ) -> Hdf5Layout:
     """Read the motions of a file.
 
@@ -92,7 +97,9 @@ def open_hdf5(
         for group in groups:
             table = _table(path, group)
             name = str(path) if group.name == "/" else f"{path}, {group.name[1:200]}"
-            found = arrays.read(name, table, robot, fps=fps, joints=joints, degrees=degrees)
+            found = arrays.read(
+                name, table, robot, fps=fps, joints=joints, degrees=degrees, given=given
+            )
             motions.append(_Motion(group.name.rstrip("/"), found, table))
     return Hdf5Layout(path, motions)
 

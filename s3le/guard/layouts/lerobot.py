@@ -135,6 +135,7 @@ def open_lerobot(
     fps: float | None,
     joints: Sequence[str] | None,
     degrees: bool,
+    given: Sequence[str],
     column: str | None,
 ) -> LeRobotLayout:
     """Read the joints of all episodes.
@@ -175,7 +176,9 @@ def open_lerobot(
             notes = [f"joints are those of '{feature.key}'", *told]
             notes += matched.kept(feature.match.strangers)
             episodes.append(
-                matched.episode(name, chosen, time, robot, degrees=degrees, notes=notes)
+                matched.episode(
+                    name, chosen, time, robot, degrees=degrees, given=given, notes=notes
+                )
             )
             rows.append(it)
     return LeRobotLayout(path, episodes, rows, feature)

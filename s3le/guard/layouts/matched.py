@@ -68,6 +68,7 @@ def episode(
     robot: Geometry,
     *,
     degrees: bool = False,
+    given: Sequence[str] = (),
     about: Mapping[str, Any] | None = None,
     mode: np.ndarray | None = None,
     notes: Sequence[str] = (),
@@ -82,6 +83,7 @@ def episode(
         time: [s], (m,).
         robot: whose motion.
         degrees: angles are in degrees.
+        given: joints that others move, see motion.fit.
         about: what the file says about itself.
         mode: str (m,), or None.
         notes: what was assumed so far.
@@ -99,7 +101,7 @@ def episode(
             )
     q = np.stack([decode(values, False) for values in columns.values()], axis=1)
     read = make(name, list(columns), time, q, None, mode, about, first, row_is)
-    trajectory, told = fit(read, robot, degrees)
+    trajectory, told, others = fit(read, robot, degrees, given)
     matched = match(name, list(columns), robot)
     kinds, names = urdf_joints(robot), list(columns)
     turned = tuple(degrees and kinds.get(joint) != "prismatic" for joint in robot.joint_names)
@@ -107,7 +109,8 @@ def episode(
     numbers = Numbers(raw, turned, trajectory.q, robot.lower, robot.upper)
     for i, values in enumerate(raw):  # what is written is found by what was read
         assert np.array_equal(decode(values, turned[i]), trajectory.q[:, i])
-    return Episode(name, read.time, trajectory.q, [*notes, *told], numbers, read.mode)
+    notes = [*notes, *told]
+    return Episode(name, read.time, trajectory.q, notes, numbers, read.mode, others)
 
 
 def timed(columns: Sequence[str]) -> str | None:

@@ -80,7 +80,12 @@ class NpyLayout:
 
 
 def open_npz(
-    path: Path, robot: Geometry, fps: float | None, joints: Sequence[str] | None, degrees: bool
+    path: Path,
+    robot: Geometry,
+    fps: float | None,
+    joints: Sequence[str] | None,
+    degrees: bool,
+    given: Sequence[str],
 ) -> NpzLayout:
     """Read an archive.
 
@@ -91,13 +96,18 @@ def open_npz(
     table = npz.read_npz(path, TrajectoryError, MOST_BYTES, data=data)
     said = told(table.get(ABOUT))
     found = arrays.read(
-        str(path), table, robot, fps=fps, joints=joints, degrees=degrees, about=said
+        str(path), table, robot, fps=fps, joints=joints, degrees=degrees, given=given, about=said
     )
     return NpzLayout(path, found, table if said else _without(table, ABOUT), data)
 
 
 def open_npy(
-    path: Path, robot: Geometry, fps: float | None, joints: Sequence[str] | None, degrees: bool
+    path: Path,
+    robot: Geometry,
+    fps: float | None,
+    joints: Sequence[str] | None,
+    degrees: bool,
+    given: Sequence[str],
 ) -> NpyLayout:
     """Read one array.
 
@@ -108,7 +118,7 @@ def open_npy(
     if array.ndim != 2:
         raise TrajectoryError(f"{path}: has shape {array.shape}; wanted (rows, joints)")
     found = arrays.read(
-        str(path), {ANGLES[0]: array}, robot, fps=fps, joints=joints, degrees=degrees
+        str(path), {ANGLES[0]: array}, robot, fps=fps, joints=joints, degrees=degrees, given=given
     )
     return NpyLayout(path, found, array)
 

@@ -126,7 +126,12 @@ def renewed(table: pa.Table, new: Mapping[str, np.ndarray]) -> pa.Table:
 
 
 def open_parquet(
-    path: Path, robot: Geometry, fps: float | None, joints: Sequence[str] | None, degrees: bool
+    path: Path,
+    robot: Geometry,
+    fps: float | None,
+    joints: Sequence[str] | None,
+    degrees: bool,
+    given: Sequence[str],
 ) -> ParquetLayout:
     """Read a table of one motion.
 
@@ -150,7 +155,9 @@ def open_parquet(
         here[MODE] = parquet.numbers(path, MODE, table[MODE])
     strangers = [n for n in table.column_names if n not in here and n.lower() not in matched.KNOWN]
     if lists:
-        found = arrays.read(name, here, robot, fps=fps, joints=joints, degrees=degrees, about=about)
+        found = arrays.read(
+            name, here, robot, fps=fps, joints=joints, degrees=degrees, given=given, about=about
+        )
         found.episode.notes.extend(matched.kept(strangers))
         return ParquetLayout(path, found.episode, table, how, found.place)
     if "action" in strangers and _listed(table["action"].type):
@@ -165,7 +172,7 @@ def open_parquet(
         if values.ndim != 1:
             raise TrajectoryError(f"{name}: '{key}' holds lists; wanted one number a row")
     one = matched.episode(
-        name, columns, clock(name, here, table.num_rows, fps), robot, degrees=degrees,
+        name, columns, clock(name, here, table.num_rows, fps), robot, degrees=degrees, given=given,
         about=about, mode=here.get(MODE), notes=matched.kept(match.strangers),
     )  # fmt: skip
     keys = tuple(strangers[i] for i in match.own)

@@ -49,7 +49,12 @@ class PickleLayout:
 
 
 def open_pickle(
-    path: Path, robot: Geometry, fps: float | None, joints: Sequence[str] | None, degrees: bool
+    path: Path,
+    robot: Geometry,
+    fps: float | None,
+    joints: Sequence[str] | None,
+    degrees: bool,
+    given: Sequence[str],
 ) -> PickleLayout:
     """Read a pickle of GMR's.
 
@@ -72,7 +77,7 @@ def open_pickle(
         has = matched.few([repr(key)[:40] for key in tree])
         raise TrajectoryError(f"{path}: has no dof_pos (rows, joints); it has {has}; {ROUTE}")
     found = arrays.read(
-        str(path), table, robot, fps=fps, joints=joints, degrees=degrees, numbered=True
+        str(path), table, robot, fps=fps, joints=joints, degrees=degrees, given=given, numbered=True
     )
     key = found.place.keys[0]
     lies = places.get(id(_owner(table[key])))

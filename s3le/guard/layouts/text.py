@@ -154,7 +154,12 @@ class _Table:
 
 
 def open_csv(
-    path: Path, robot: Geometry, fps: float | None, joints: Sequence[str] | None, degrees: bool
+    path: Path,
+    robot: Geometry,
+    fps: float | None,
+    joints: Sequence[str] | None,
+    degrees: bool,
+    given: Sequence[str],
 ) -> TextLayout:
     """Read a CSV; without a line of names, `joints` or the side file names its columns.
 
@@ -169,15 +174,20 @@ def open_csv(
         arrays_ = {ANGLES[0]: np.stack([columns[i] for i in names], axis=1)}
         found = arrays.read(
             str(path), arrays_ | text.told(about, len(table.rows)), robot, fps=fps,
-            joints=text.listed(about) if joints is None else joints, degrees=degrees, about=about,
-            numbered=True, first=1, row_is="line",
+            joints=text.listed(about) if joints is None else joints, degrees=degrees,
+            given=given, about=about, numbered=True, first=1, row_is="line",
         )  # fmt: skip
         return TextLayout(path, found.episode, table, found.place.columns)
-    return _with_names(path, table, robot, fps, degrees)
+    return _with_names(path, table, robot, fps, degrees, given)
 
 
 def _with_names(
-    path: Path, table: _Table, robot: Geometry, fps: float | None, degrees: bool
+    path: Path,
+    table: _Table,
+    robot: Geometry,
+    fps: float | None,
+    degrees: bool,
+    given: Sequence[str],
 ) -> TextLayout:
     header = table.header
     if (again := twice(header)) is not None:
@@ -191,8 +201,8 @@ def _with_names(
     time = {} if timed is None else {timed: columns.get(header.index(timed), np.zeros(0))}
     one = matched.episode(
         str(path), {header[at]: columns[at] for at in some.joints},
-        clock(str(path), time, len(table.rows), fps), robot, degrees=degrees, about=table.about,
-        mode=table.words(header.index(MODE)) if MODE in header else None,
+        clock(str(path), time, len(table.rows), fps), robot, degrees=degrees, given=given,
+        about=table.about, mode=table.words(header.index(MODE)) if MODE in header else None,
         notes=matched.kept([name for name in some.strangers if name.lower() not in matched.KNOWN]),
         first=table.first, row_is="line",
     )  # fmt: skip
