@@ -13,11 +13,12 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.onboard import anchor, bodies, hulls, limbs, source
+from s3le.onboard import anchor, bodies, covering, hulls, limbs, source
 from s3le.onboard.tree import Tree
 from s3le.robot import model, sense, srdf
 from s3le.robot.description import MAPPED
 from s3le.robot.robot import Robot, bones_of
+from s3le.safety import covered
 from s3le.store.atomic import replace
 
 TURNED = 0.01  # chord of a unit vector; a joint that moves none farther drops out
@@ -32,6 +33,7 @@ class Proposal:
     name: str
     urdf: Path  # that was read
     made: list[bodies.Made]
+    record: covered.Record  # how far links are drawn beyond their bodies
     found: anchor.Found
     sure: list[str]
     look: list[str]
@@ -47,8 +49,9 @@ def propose(
     srdf_file: Path | None = None,
     spheres: Path | None = None,
     most: int = bodies.MOST,
-    visual: bool = False,
+    collision_only: bool = False,
     with_hulls: bool = False,
+    allowance: float = covered.ALLOWANCE,
 ) -> Proposal:
     """Read a URDF and settle everything that a robot file says.
 
@@ -61,15 +64,16 @@ def propose(
         srdf_file: pairs that are not to be watched.
         spheres: a list of spheres instead of the collision geometry of the links it names.
         most: capsules at most for a mesh.
-        visual: take visual shapes where there is no collision geometry.
+        collision_only: take collision geometry as it is, however far the drawing reaches beyond.
         with_hulls: keep the convex hulls of the meshes beside, for an independent check.
+        allowance: how far a link's drawing may reach beyond its bodies [m].
 
     Raises:
         RobotError: something in the files cannot be used; says what to do.
     """
     if not re.fullmatch(r"[A-Za-z0-9_.+-]{1,100}", name):
         raise RobotError(f"a robot's name is of letters, digits and _.+-, not {name!r}: --name")
-    origin = source.read(urdf, packages, visual)
+    origin = source.read(urdf, packages, collision_only)
     called = origin.renamed
     disabled = {
         frozenset(called.get(link, link) for link in pair): why
@@ -82,14 +86,14 @@ def propose(
     tree = Tree(origin.model)
     moving = _moving(tree, found, urdf)
     _continuous(origin, moving, look)
-    made = bodies.make(origin, most, given)
-    links = {link.get("name"): link for link in origin.root.findall("link")}
-    for body in made:
-        links[body.link].extend(body.elements)
+    made, record, notes = covering.cover(origin, most, given, allowance, collision_only)
+    look += notes
+    _refuse_bare(tree, found, made, urdf)
+    links = {link.get("name") for link in origin.root.findall("link")}
     text = source.text(origin.root)
     files = {f"urdf/{name}.urdf": text.encode()}
     if disabled:
-        kept = {pair: why for pair, why in disabled.items() if pair <= links.keys()}
+        kept = {pair: why for pair, why in disabled.items() if pair <= links}
         files[f"urdf/{name}.srdf"] = srdf.text(name, kept).encode()
         sure.append(f"SRDF: {len(kept)} pairs of links taken off, all of them listed")
     if with_hulls:
@@ -141,7 +145,7 @@ def propose(
         f"anchor: {best.how}, {best.clearance * 1e3:.0f} mm clear, "
         f"{best.overlaps} pairs overlap there and are not watched"
     )
-    return Proposal(name, Path(urdf), made, best, sure, look, files)
+    return Proposal(name, Path(urdf), made, record, best, sure, look, files)
 
 
 @contextlib.contextmanager
@@ -256,6 +260,24 @@ def _word(text: str) -> str:
     if plain and text.lower() not in ("y", "n", "yes", "no", "on", "off", "true", "false", "null"):
         return text
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _refuse_bare(tree: Tree, found: limbs.Limbs, made: Sequence[bodies.Made], urdf: Path) -> None:
+    """Refuse an arm of which a whole part has neither bodies nor a drawing to make them from."""
+    solid = {body.link for body in made}
+    for side, word in (("l", "left"), ("r", "right")):
+        if side not in found.arms:
+            continue
+        elbow = tree.model.getJointId(str(found.points[f"{side}_elbow"]))
+        upper = found.arms[side][: found.arms[side].index(elbow)]
+        for part, joints in (("upper arm", upper), ("forearm", tree.below(elbow))):
+            carried = [frame.name for frame in tree.frames(joints)]
+            if not solid & set(carried):
+                raise RobotError(
+                    f"{urdf}: the {word} {part} has neither collision geometry nor anything that "
+                    f"is drawn ({', '.join(carried[:4])}), so nothing would watch it; add "
+                    "<collision> to it, or give spheres (--spheres)"
+                )
 
 
 def _moving(tree: Tree, found: limbs.Limbs, urdf: Path) -> list[str]:
