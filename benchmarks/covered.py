@@ -11,7 +11,7 @@ import json
 import math
 from pathlib import Path
 
-from s3le.onboard import covering, source
+from s3le.onboard import covering, reading, source
 from s3le.robot.known import READY
 from s3le.robot.robot import Robot
 from s3le.safety import covered
@@ -25,11 +25,11 @@ def main() -> None:
     parser.add_argument("--package-path", type=Path, action="append", default=[])
     args = parser.parse_args()
     robot = Robot.load(args.robot)
-    origin = source.read(args.drawn, args.package_path)
+    origin = reading.read(args.drawn, args.package_path)
     own = {link.get("name"): link for link in robot.tree.findall("link")}
     if lost := [link for link in origin.drawn if link not in own]:
         parser.error(f"the robot file's URDF has no link {', '.join(lost)}, which is drawn")
-    root = source._bare(robot.tree)
+    root = source.bare_of(robot.tree)
     for link in root.findall("link"):
         link.extend(own[link.get("name")].findall("collision"))
     found = covering.measure(source.model_of(args.drawn, root), root, origin.drawn)

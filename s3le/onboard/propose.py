@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.onboard import anchor, bodies, covering, hulls, limbs, source
+from s3le.onboard import anchor, bodies, covering, hulls, limbs, reading, source
 from s3le.onboard.tree import Tree
 from s3le.robot import model, sense, srdf
 from s3le.robot.description import MAPPED
@@ -73,18 +73,18 @@ def propose(
     """
     if not re.fullmatch(r"[A-Za-z0-9_.+-]{1,100}", name):
         raise RobotError(f"a robot's name is of letters, digits and _.+-, not {name!r}: --name")
-    origin = source.read(urdf, packages, collision_only)
+    origin = reading.read(urdf, packages, collision_only)
     called = origin.renamed
     disabled = {
         frozenset(called.get(link, link) for link in pair): why
         for pair, why in (srdf.disabled(srdf_file) if srdf_file else {}).items()
-    }
+    } | origin.apart
     given = bodies.read_spheres(spheres) if spheres else {}
     given = {called.get(link, link): rows for link, rows in given.items()}
     found = limbs.find(origin)
     sure, look = list(found.sure), [*found.look, *origin.notes]
     tree = Tree(origin.model)
-    moving = _moving(tree, found, urdf)
+    moving = _moving(tree, found, origin, look)
     _continuous(origin, moving, look)
     made, record, notes = covering.cover(origin, most, given, allowance, collision_only)
     look += notes
@@ -95,7 +95,8 @@ def propose(
     if disabled:
         kept = {pair: why for pair, why in disabled.items() if pair <= links}
         files[f"urdf/{name}.srdf"] = srdf.text(name, kept).encode()
-        sure.append(f"SRDF: {len(kept)} pairs of links taken off, all of them listed")
+        by = "SRDF" if srdf_file else "MJCF's <exclude>"
+        sure.append(f"{by}: {len(kept)} pairs of links taken off, all of them listed")
     if with_hulls:
         files[f"urdf/{name}.hulls.npz"] = hulls.pack(origin)
     hold = _hold(tree, origin, moving, look)
@@ -280,10 +281,15 @@ def _refuse_bare(tree: Tree, found: limbs.Limbs, made: Sequence[bodies.Made], ur
                 )
 
 
-def _moving(tree: Tree, found: limbs.Limbs, urdf: Path) -> list[str]:
+def _moving(tree: Tree, found: limbs.Limbs, origin: source.Source, look: list[str]) -> list[str]:
+    """Joints of the waist and of the arms, in the file's own order where it has one."""
     names = [tree.name(j) for j in found.waist]
     for side in ("l", "r"):
         names += [tree.name(j) for j in found.arms.get(side, []) if tree.turns(j)]
+    if origin.order is not None:
+        if still := [name for name in names if name not in origin.order]:
+            look.append(f"held, for no actuator drives them: {', '.join(still)}")
+        names = [name for name in origin.order if name in names]
     for name in names:
         joint = tree.model.joints[tree.model.getJointId(name)]
         if joint.nq == 1:
@@ -291,8 +297,8 @@ def _moving(tree: Tree, found: limbs.Limbs, urdf: Path) -> list[str]:
             high = tree.model.upperPositionLimit[joint.idx_q]
             if low > high:
                 raise RobotError(
-                    f"{urdf}: joint '{name}' has its limits reversed, lower {low:g} and upper "
-                    f"{high:g}; swap them in the URDF"
+                    f"{origin.path}: joint '{name}' has its limits reversed, lower {low:g} and "
+                    f"upper {high:g}; swap them in the URDF"
                 )
     return names
 
@@ -348,7 +354,7 @@ def _speeds(tree: Tree, moving: list[str], look: list[str]) -> dict[str, float]:
             speeds[name] = round(SPEED, 6)
     if speeds:
         look.append(
-            f"velocity: the URDF has no limit that can be one for {', '.join(speeds)}; "
+            f"velocity: the file has no limit that can be one for {', '.join(speeds)}; "
             f"{SPEED:.2f} rad/s are put down, give the robot's own"
         )
     return speeds

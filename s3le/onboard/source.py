@@ -55,6 +55,8 @@ class Source:
     model: pin.Model
     renamed: dict[str, str]  # links: the name they have in the URDF -> the one they have here
     notes: list[str] = field(default_factory=list)
+    order: list[str] | None = None  # of joints that may move, where the file has one of its own
+    apart: dict[frozenset[str], str] = field(default_factory=dict)  # links not to be watched, why
 
     def settle(self, collision_only: bool) -> None:
         """Let what is drawn stand for collision geometry where a link has none, and say so."""
@@ -90,13 +92,13 @@ def read(path: Path, packages: Sequence[Path] = (), collision_only: bool = False
     if any("xacro" in item.tag for item in tree.iter() if isinstance(item.tag, str)):
         tree = urdf.elements(path, expanded(path))
     notes: list[str] = []
-    renamed = _rename(tree)
+    renamed = rename(tree)
     if renamed:
         notes.append(
             "links that share a joint's name are renamed in the robot file's URDF: "
             + ", ".join(f"{old} to {new}" for old, new in renamed.items())
         )
-    root = _bare(tree)
+    root = bare_of(tree)
     model = model_of(path, root)
     finder = Finder(path, [Path(folder) for folder in packages])
     shapes: dict[str, list[Shape]] = {}
@@ -127,7 +129,7 @@ def text(root: ElementTree.Element) -> str:
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _rename(tree: ElementTree.Element) -> dict[str, str]:
+def rename(tree: ElementTree.Element) -> dict[str, str]:
     """Give links that are called like a joint another name; pinocchio cannot reduce them."""
     joints = {joint.get("name") for joint in tree.findall("joint")}
     links = {link.get("name") for link in tree.findall("link")}
@@ -145,7 +147,7 @@ def _rename(tree: ElementTree.Element) -> dict[str, str]:
     return renamed
 
 
-def _bare(tree: ElementTree.Element) -> ElementTree.Element:
+def bare_of(tree: ElementTree.Element) -> ElementTree.Element:
     """Links without anything on them, and joints: kinematics alone; what was found before stays."""
     root = ElementTree.Element("robot", {"name": tree.get("name") or "robot", "version": "1.1"})
     root.extend(copy.deepcopy(item) for item in tree.findall(TAG))
@@ -275,7 +277,7 @@ def _shape(
         return Shape("mesh", rotation, at, (), triangles @ rotation.T + at, name)
     if body.tag == "box":
         sizes = _numbers(where, body, "size", None, 3)
-        triangles = _prism(*sizes)
+        triangles = prism(*sizes)
     elif body.tag == "sphere":
         sizes, triangles = _numbers(where, body, "radius", None, 1), np.empty((0, 3, 3))
     else:
@@ -283,7 +285,7 @@ def _shape(
             *_numbers(where, body, "radius", None, 1),
             *_numbers(where, body, "length", None, 1),
         ]
-        triangles = _round(*sizes) if body.tag == "cylinder" else np.empty((0, 3, 3))
+        triangles = rounded(*sizes) if body.tag == "cylinder" else np.empty((0, 3, 3))
     kind = body.tag
     if kind == "cylinder" and item.get("name") in capsules:
         kind, triangles = "capsule", np.empty((0, 3, 3))
@@ -306,13 +308,13 @@ def _numbers(
     return values
 
 
-def _prism(x: float, y: float, z: float) -> np.ndarray:
+def prism(x: float, y: float, z: float) -> np.ndarray:
     """The twelve triangles of a box with these sides, (12, 3, 3)."""
     ring = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) / 2
     return _between(ring, z)
 
 
-def _round(radius: float, length: float) -> np.ndarray:
+def rounded(radius: float, length: float) -> np.ndarray:
     """Triangles of a prism around a cylinder along z: it contains the cylinder, (n, 3, 3)."""
     turn = 2.0 * np.pi * np.arange(_RIM) / _RIM
     ring = radius / np.cos(np.pi / _RIM) * np.column_stack([np.cos(turn), np.sin(turn)])
