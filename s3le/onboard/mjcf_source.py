@@ -113,8 +113,8 @@ def _shape(document: mjcf.Document, geom: mjcf_tree.Geom, meshes: "_Meshes") -> 
         if not length > 0.0:
             raise RobotError(f"{where}: fromto has no length")
         at = pin.SE3(mjcf.along(way / length), ends.mean(axis=0))
-        size = mjcf.numbers(said, "size", where, count - 1)
-        size = np.append(size[: count - 1], length / 2)
+        thick = mjcf.numbers(said, "size", where, 1)  # of a box too, on all four sides
+        size = np.array([thick[0]] * (count - 1) + [length / 2])
     else:
         size = mjcf.numbers(said, "size", where, count)
     if not ((size > 0.0) & (size <= FARTHEST)).all():

@@ -294,8 +294,8 @@ class _Builder:
 
 
 def _joints(body: ElementTree.Element) -> int:
-    """How many hinges lie in and below a body; a class may make one another kind."""
-    return sum(item.get("type", "hinge") == "hinge" for item in body.iter("joint"))
+    """How many joints lie in and below a body, but for what lets it float."""
+    return sum(item.get("type") != "free" for item in body.iter("joint"))
 
 
 def _floats(body: ElementTree.Element) -> bool:
