@@ -108,7 +108,8 @@ def propose(
                    and tree.still[tree.model.joints[j].idx_q] != 0.0}  # fmt: skip
     with tempfile.TemporaryDirectory() as folder, _called(folder, name, urdf):
         robot = plan.load(Path(folder))
-        plan.joints = _that_turn(robot, look)
+        turning = _that_turn(robot, look)
+        plan.joints = [j for j in moving if j in turning] if origin.order else turning
         plan.anchor = {j: v for j, v in plan.anchor.items() if j in plan.joints}
         plan.velocity = {j: v for j, v in plan.velocity.items() if j in plan.joints}
         for joint in set(moving) - set(plan.joints):
