@@ -94,7 +94,7 @@ class _Builder:
         if lost := [entry[0].get("name") or "?" for entry in bodies if entry not in kept]:
             self.notes.append(f"beside the robot, and left out: {', '.join(lost[:8])}")
         if dropped:
-            self.notes.append(f"{dropped} geoms of the world are left out")
+            self.notes.append(f"geoms of the world that are left out: {dropped}")
         if floating:
             self._body(*kept[0][:3], parent=None)
             return
