@@ -107,7 +107,7 @@ def main(
         timed.run("first motion of g1", s3le, "retarget", motion, "--robot", "g1", "--out", "c")
         timed.run("second motion of g1", s3le, "retarget", motion, "--robot", "g1", "--out", "d")
         robot = (urdf or ROOT / "s3le/robots/urdf/coman.urdf").resolve()
-        timed.run("robot new", s3le, "robot", "new", robot, "--name", "my", "--visual")
+        timed.run("robot new", s3le, "robot", "new", robot, "--name", "my")
         timed.run("its first motion", s3le, "retarget", motion, "--robot", "my", "--out", "e")
         kept = {
             kind: sum(p.stat().st_size for p in found.rglob("*") if p.is_file()) / 2**20

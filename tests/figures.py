@@ -1,5 +1,6 @@
 """Small humanoids as URDFs, built to order: other bases, fewer parts, zero poses, flaws."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,20 @@ def _arm(side, y, before, forward, names, elbow, elbow_kind, elbow_more, wrist, 
         text += joint(name("hand_joint"), name("fore"), name("hand"), "0 0 -0.24", kind="fixed")
         text += link(name("hand"))
     return text
+
+
+def stripped(text: str, *links: str) -> str:
+    """The figure without collision shapes, of these links or of all."""
+    names = "|".join(links) if links else '[^"]*'
+    return re.sub(f'(<link name="(?:{names})">)<collision.*?</collision>', r"\1", text)
+
+
+def drawn(text: str, name: str, shape: str, xyz: str = "0 0 0") -> str:
+    """The figure with one more shape that is drawn of a link."""
+    head = f'<link name="{name}">'
+    assert head in text
+    seen = f'<visual><origin xyz="{xyz}"/><geometry>{shape}</geometry></visual>'
+    return text.replace(head, head + seen, 1)
 
 
 def write(folder: Path, text: str, name: str = "figure") -> Path:

@@ -88,10 +88,12 @@ def audit(
     file could not be read.
     """  # noqa: D301
     from s3le.safety import audit as library
+    from s3le.safety import covered
     from s3le.safety.paths import BUDGET
 
     with shell.guarded():
         its = shell.robot(robot, margin)
+        shell.warn_of(its)
         wanted = library.demands(
             its,
             margin,
@@ -127,6 +129,7 @@ def audit(
                 "margin_m": wanted.margin,
                 "margin_between_m": wanted.margin_between,
                 "not_covered": _not_covered(its, bodies.values()),
+                "not_covered_links": covered.tree(its),
                 "holds": status == shell.OK,
                 "files": told,
             }

@@ -119,6 +119,7 @@ def retarget(
         known = shell.how(layout, axes, pitch, person, confidence, animation, names)
         paths = chosen(clips)
         its, words, line = shell.retargeter(model, method, robot)
+        shell.warn_of(its.robot)
         shape = outputs.shape(
             its.robot,
             csv=csv,

@@ -41,9 +41,23 @@ def new(
     capsules: Annotated[
         int, typer.Option(min=1, max=16, help="Most capsules that a mesh becomes.")
     ] = 4,
-    visual: Annotated[
-        bool, typer.Option("--visual", help="Take visual shapes of links without collision ones.")
+    collision_only: Annotated[
+        bool,
+        typer.Option(
+            "--collision-only",
+            help="Take collision shapes as they are, however far the drawing reaches beyond.",
+        ),
     ] = False,
+    allowance: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="How far a link may be drawn beyond its collision shapes [m] before bodies are "
+            "made around the drawing.",
+            show_default="0.02",
+        ),
+    ] = None,
     hulls: Annotated[
         bool,
         typer.Option("--hulls", help="Keep the meshes' convex hulls, for an independent check."),
@@ -73,15 +87,16 @@ def new(
     \b
     s3le robot new my.urdf
     s3le robot new g1.urdf --srdf g1.srdf --package-path ~/ros/src --hulls
-    s3le robot new arm.urdf --name arm --visual --capsules 8
+    s3le robot new arm.urdf --name arm --capsules 8 --allowance 0.01
     """  # noqa: D301
     from s3le.onboard import propose
+    from s3le.safety.covered import ALLOWANCE
 
     with shell.guarded():
         out = out or (known.OWN if known.OWN.is_dir() else Path())
         made = propose.propose(
             urdf, name or urdf.stem, margin, known.NECK, package_path or (), srdf, spheres,
-            capsules, visual, hulls,
+            capsules, collision_only, hulls, ALLOWANCE if allowance is None else allowance,
         )  # fmt: skip
         png = picture or out / f"{made.name}.png"
         paths = propose.write(made, out, force, also=[png])
@@ -129,13 +144,16 @@ def robots(
             told.append({"name": name, "file": str(file), "unusable": str(refusal)})
             status = shell.BROKEN
     if as_json:
-        typer.echo(json.dumps(told, indent=2))
+        typer.echo(json.dumps([{k: v for k, v in one.items() if k != "warning"} for one in told],
+                              indent=2))  # fmt: skip
     else:
         typer.echo("\n".join(line for about in told for line in _listed(about)))
     raise typer.Exit(status)
 
 
 def _about(robot: "Robot", file: Path) -> dict[str, Any]:
+    from s3le.safety import covered
+
     return {
         "made_by": known.origin(file) or None,
         "joints": robot.joint_names,
@@ -143,6 +161,8 @@ def _about(robot: "Robot", file: Path) -> dict[str, Any]:
         "bodies": len(robot.bodies),
         "pairs_watched": len(robot.watched),
         "not_covered": [f"{a} and {b}: {why}" for a, b, _, why in robot.unwatched()],
+        "not_covered_links": covered.tree(robot),
+        "warning": covered.warning(robot),
     }
 
 
@@ -160,6 +180,7 @@ def _listed(about: dict[str, Any]) -> list[str]:
         f"  {about['file']}",
         f"  joints: {', '.join(about['joints'])}",
         *(f"  not covered: {pair}" for pair in bare),
+        *([f"  look: {about['warning']}"] if about["warning"] else []),
     ]
 
 
@@ -180,7 +201,10 @@ def check(
     every: Annotated[bool, typer.Option("--all", help="List every pair.")] = False,
     picture: Annotated[Path | None, typer.Option(help="PNG to draw.")] = None,
 ) -> None:
-    """Validate a robot file and report: joints, reach, pairs and why, random poses, time a check.
+    """Validate a robot file and report on it.
+
+    Joints, reach, how far each link is drawn beyond its bodies, pairs and why they are watched or
+    not, random poses, time of a check.
 
     \b
     s3le robot check coman

@@ -114,6 +114,14 @@ def robot(given: str | None, margin: float | None = None) -> "Robot":
     return Robot.load(given, MARGIN if margin is None else min(margin, MARGIN))
 
 
+def warn_of(robot: "Robot") -> None:
+    """Say what certificates of a robot leave out of what is drawn of it, if they do."""
+    from s3le.safety import covered
+
+    if said := covered.warning(robot):
+        say(f"warning: {said}", err=True)
+
+
 def by_joint(given: list[str] | None, option: str, unit: str) -> dict[str, float] | float | None:
     """What an option says of joints: one number for all, or JOINT=NUMBER, several times.
 

@@ -7,7 +7,7 @@ worth sharing, become capsules, written with six decimals and then made wide eno
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -61,8 +61,13 @@ def make(source: Source, most: int, spheres: Mapping[str, np.ndarray] | None = N
         if link in spheres:
             made.append(_list(link, spheres[link]))
         else:
-            made += [_piece(link, shape, most) for shape in source.shapes.get(link, [])]
+            made += of_shapes(link, source.shapes.get(link, []), most)
     return made
+
+
+def of_shapes(link: str, shapes: Sequence[Shape], most: int) -> list[Made]:
+    """Bodies of a link, at most `most` capsules for each piece."""
+    return [_piece(link, shape, most) for shape in shapes]
 
 
 def read_spheres(path: Path) -> dict[str, np.ndarray]:

@@ -52,7 +52,7 @@ def fit(points: np.ndarray) -> Capsule:
 
 def around(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> Capsule:
     """The thinnest capsule about a segment that contains every point (n, 3) [m]."""
-    return Capsule(a, b, float(_to_segment(points, a, b).max()) + SLACK)
+    return Capsule(a, b, float(to_segment(points, a, b).max()) + SLACK)
 
 
 def share(triangles: np.ndarray, most: int) -> list[Fitted]:
@@ -79,8 +79,8 @@ def share(triangles: np.ndarray, most: int) -> list[Fitted]:
     low, high = one.capsule.a, one.capsule.b
     room = np.stack([np.minimum(low, high), np.maximum(low, high)])
     room += one.capsule.radius * np.array([[-1.0], [1.0]])
-    probes = room[0] + _spread(_PROBES) * (room[1] - room[0])
-    whole = (_to_segment(probes, low, high) <= one.capsule.radius).sum()
+    probes = room[0] + spread(_PROBES) * (room[1] - room[0])
+    whole = (to_segment(probes, low, high) <= one.capsule.radius).sum()
     best, found = 1.0, None
     for frame in (np.eye(3), _axes(outer)):
         for counts in _grids(most):
@@ -89,7 +89,7 @@ def share(triangles: np.ndarray, most: int) -> list[Fitted]:
                 points = part.reshape(-1, 3)
                 crude = min((_crude(points, w) for w in [*frame, *_axes(points)]),
                             key=lambda c: c.volume)  # fmt: skip
-                inside |= _to_segment(probes, crude.a, crude.b) <= crude.radius
+                inside |= to_segment(probes, crude.a, crude.b) <= crude.radius
             n = int(np.prod(counts))
             if inside.sum() / whole + (n - 1) * WORTH < best:
                 best, found = inside.sum() / whole + (n - 1) * WORTH, (frame, counts)
@@ -97,7 +97,7 @@ def share(triangles: np.ndarray, most: int) -> list[Fitted]:
         return [one]
     parts = [_fitted(part) for part in _cells(solid, *found)]
     # Every corner is held by name, not only as a point of the hull that was cut.
-    far = [_to_segment(one.points, p.capsule.a, p.capsule.b) - p.capsule.radius for p in parts]
+    far = [to_segment(one.points, p.capsule.a, p.capsule.b) - p.capsule.radius for p in parts]
     nearest = np.argmin(far, axis=0)
     return [
         part._replace(points=np.concatenate([part.points, one.points[nearest == k]]))
@@ -159,7 +159,7 @@ def extreme(points: np.ndarray) -> np.ndarray:
     points = np.unique(points, axis=0)
     if len(points) <= _SEARCHED:
         return points
-    return points[np.unique((points @ _sphere(_SEARCHED).T).argmax(axis=0))]
+    return points[np.unique((points @ directions(_SEARCHED).T).argmax(axis=0))]
 
 
 def reach_beyond(capsules: list[Capsule], points: np.ndarray) -> float:
@@ -168,7 +168,7 @@ def reach_beyond(capsules: list[Capsule], points: np.ndarray) -> float:
     The largest difference of the support functions, taken over 2,000 directions, so up to about a
     tenth of a millimetre too small.
     """
-    ways = _sphere(2000)
+    ways = directions(2000)
     own = [np.maximum(ways @ c.a, ways @ c.b) + c.radius for c in capsules]
     return float((np.max(own, axis=0) - (extreme(points) @ ways.T).max(axis=0)).max())
 
@@ -180,8 +180,8 @@ def volume(capsules: list[Capsule]) -> float:
     ends = np.array([(c.a, c.b) for c in capsules])
     radius = np.array([c.radius for c in capsules])[:, None, None]
     low, high = (ends - radius).min(axis=(0, 1)), (ends + radius).max(axis=(0, 1))
-    probes = low + _spread(20_000) * (high - low)
-    inside = np.any([_to_segment(probes, c.a, c.b) <= c.radius for c in capsules], axis=0)
+    probes = low + spread(20_000) * (high - low)
+    inside = np.any([to_segment(probes, c.a, c.b) <= c.radius for c in capsules], axis=0)
     return float(inside.mean() * np.prod(high - low))
 
 
@@ -216,7 +216,7 @@ def _refined(points: np.ndarray, start: Capsule) -> Capsule:
     local = (points - middle) / size
 
     def volume(ends: np.ndarray) -> float:
-        radius = _to_segment(local, ends[:3], ends[3:]).max()
+        radius = to_segment(local, ends[:3], ends[3:]).max()
         return radius**2 * (np.linalg.norm(ends[3:] - ends[:3]) + 4.0 / 3.0 * radius)
 
     ends = np.concatenate([start.a - middle, start.b - middle]) / size
@@ -230,7 +230,7 @@ def _refined(points: np.ndarray, start: Capsule) -> Capsule:
     return around(points, ends[:3] * size + middle, ends[3:] * size + middle)
 
 
-def _to_segment(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def to_segment(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Distance of each point (n, 3) to the segment from a to b [m], (n,)."""
     along = b - a
     square = along @ along
@@ -241,7 +241,7 @@ def _to_segment(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _ways(points: np.ndarray) -> list[np.ndarray]:
-    return [*np.eye(3), *_axes(points), *_sphere(24)[:12]]
+    return [*np.eye(3), *_axes(points), *directions(24)[:12]]
 
 
 def _axes(points: np.ndarray) -> np.ndarray:
@@ -249,13 +249,13 @@ def _axes(points: np.ndarray) -> np.ndarray:
     return np.linalg.eigh(np.cov(points.T))[1].T
 
 
-def _spread(count: int) -> np.ndarray:
+def spread(count: int) -> np.ndarray:
     """Points spread evenly in the unit cube (Roberts' sequence), (count, 3)."""
     g = 1.2207440846057596  # the real root of g^4 = g + 1
     return (0.5 + np.arange(1, count + 1)[:, None] * g ** -np.arange(1.0, 4.0)) % 1.0
 
 
-def _sphere(count: int) -> np.ndarray:
+def directions(count: int) -> np.ndarray:
     """Directions spread evenly (Fibonacci's spiral), (count, 3)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from s3le.errors import RobotError
+from s3le.onboard import trunks
 from s3le.onboard.source import Source
 from s3le.onboard.tree import Tree, main_chain, mirrored_pairs, named_pairs
 
@@ -19,7 +20,6 @@ _HAND = re.compile(r"hand|wrist|palm|grip|tool|tcp|ee_|_ee|tip", re.I)
 _SENSOR = re.compile(
     r"cam|imu|force|sensor|(^|_)ft(_|$)|torque|skin|optical|thumb|index|finger", re.I
 )
-_WAIST = 3  # joints at most that count as a waist
 
 Point = str | dict  # a frame's name, or {frame: name, offset: [x, y, z]}
 
@@ -41,6 +41,7 @@ class _Arm:
     chain: list[int]
     shoulder: np.ndarray
     elbow: np.ndarray
+    hand: np.ndarray
     points: dict[str, Point]
     used: list[int]
 
@@ -60,27 +61,26 @@ def find(source: Source) -> Limbs:
     shared = tree.path(first)[:-1]
     for root in roots.values():
         shared = [j for j in shared if j in tree.path(root)]
-    turning = [j for j in shared if tree.turns(j)]
-    waist = turning[-_WAIST:]
-    if held := [tree.name(j) for j in turning[:-_WAIST]]:
-        look.append(f"waist: the last {_WAIST} joints before the arms move, not {', '.join(held)}")
-    for j in shared:
-        if not tree.turns(j):
-            look.append(f"'{tree.name(j)}' before the arms does not turn (a lift?); it is held")
     trunk = shared[-1] if shared else 0
-    legs = _legs(tree, set(roots.values()))
+    legs = trunks.legs(tree, set(roots.values()))
+    shoulders = np.mean([arm.shoulder for arm in arms.values()], axis=0)
+    lengths = [np.linalg.norm(a.elbow - a.shoulder) + np.linalg.norm(a.hand - a.elbow)
+               for a in arms.values()]  # fmt: skip
+    waist, lowest = trunks.waist(tree, shared, legs, shoulders, float(max(lengths)), look)
+    low = lowest != waist[:1]
     if waist:
         link = tree.link(waist[0])
     elif legs and tree.path(legs[0])[:-1] == shared:  # legs and arms hang on one stiff trunk
         link = tree.link(legs[0])
     else:
         link = _body(tree, trunk, list(roots.values()))
-    middle = np.mean([arm.shoulder for arm in arms.values()], axis=0)
+    middle = shoulders
     points: dict[str, Point] = {}
     axes = [tree.axis(j) for j in range(1, tree.model.njoints) if tree.turns(j)]
     up = np.eye(3)[2]
     if legs or waist or len(arms) == 2:
-        below = _centre(tree, link, legs) if legs or waist else np.zeros(3)
+        foot = tree.link(lowest[0]) if lowest else link
+        below = _centre(tree, foot, legs) if legs or waist else np.zeros(3)
         if len(arms) == 2:  # first joints stand on the trunk, wherever the arms point
             left = tree.at(roots["l"]) - tree.at(roots["r"])
             if not np.linalg.norm(left) > 0.02:
@@ -99,13 +99,25 @@ def find(source: Source) -> Limbs:
         middle = middle - (middle - _centre(tree, link, legs)) @ left * left
     base = _frame(left, up, axes, look)
     up, left = base[2], base[1]
-    points["hip"] = _hip(tree, link, legs, middle, up, look)
+    if low:  # the link that the waist hangs on begins at a joint that is held as a leg is
+        points["hip"] = _offset(tree, link, tree.at(waist[0]))
+    else:
+        points["hip"] = _hip(tree, link, legs, middle, up, look)
     points["neck"] = _neck(tree, trunk, middle, arms, left, look)
     for arm in arms.values():
         points |= arm.points
-    sure.append(
-        "waist: " + (", ".join(map(tree.name, waist)) if waist else "none, the trunk is stiff")
-    )
+    turned = [tree.name(j) for j in trunks.between(tree, legs, shared)]
+    if turned and not waist:
+        look.append(
+            f"waist: none that carries the arms; {', '.join(turned)} turns the legs against the "
+            "trunk, which is the root, and is held"
+        )
+    elif low:
+        look.append(f"waist: {', '.join(map(tree.name, waist))}; is it where a trunk bends?")
+    else:
+        sure.append(
+            "waist: " + (", ".join(map(tree.name, waist)) if waist else "none, the trunk is stiff")
+        )
     angle = np.degrees(np.arccos(np.clip((np.trace(base) - 1) / 2, -1, 1)))
     if angle > 1.0:
         look.append(
@@ -172,19 +184,6 @@ def _high(tree: Tree, pair: tuple[int, int]) -> tuple[int, float]:
     return tree.resembles_arm(pair[0]), float(tree.at(pair[0])[2])
 
 
-def _legs(tree: Tree, arms: set[int]) -> list[int]:
-    """First joints of the legs, left and right; empty: it has none."""
-    pairs = [p for p in named_pairs(tree) or mirrored_pairs(tree) if not arms & set(p)]
-    above = {k for root in arms for k in tree.below(root)}
-    pairs = [
-        p for p in pairs
-        if p[0] not in above and tree.turns(p[0]) and tree.reach(p[0]) > 0.25
-        and tree.resembles_arm(p[0]) < 0
-    ]  # fmt: skip
-    longest = max(pairs, key=lambda p: tree.reach(p[0]), default=())
-    return list(longest)
-
-
 def _arm(
     tree: Tree, source: Source, side: str, root: int, sure: list[str], look: list[str]
 ) -> _Arm:
@@ -195,7 +194,7 @@ def _arm(
             "robot file by hand, see docs/robots.md"
         )
     # The last joint is in the wrist, where there is one; where it is not, the far end tells.
-    for tip in (tree.at(chain[-1]), _tip(tree, chain)):
+    for tip in (tree.at(chain[-1]), _tip(tree, chain), _solid_tip(tree, source, chain)):
         bend = [_influence(tree, chain, k, tip) for k in range(len(chain))]
         k = int(np.argmax(bend))
         if bend[k] > 0.05:
@@ -231,7 +230,7 @@ def _arm(
         look.append(
             f"{side} arm: upper {upper * 1e3:.0f} mm, forearm {lower * 1e3:.0f} mm: unusual"
         )
-    return _Arm(chain, tree.at(shoulder), elbow, points, used)
+    return _Arm(chain, tree.at(shoulder), elbow, at, points, used)
 
 
 def _tip(tree: Tree, chain: list[int]) -> np.ndarray:
@@ -239,6 +238,22 @@ def _tip(tree: Tree, chain: list[int]) -> np.ndarray:
     spots = [tree.at(j) for j in tree.below(chain[-1])]
     spots += [tree.place(f) for f in tree.frames([chain[-1]])]
     return max(spots, key=lambda spot: float(np.linalg.norm(spot - tree.at(chain[-1]))))
+
+
+def _solid_tip(tree: Tree, source: Source, chain: list[int]) -> np.ndarray:
+    """The corner of what is solid or drawn farthest along the arm, (3,)."""
+    origin = tree.at(chain[-1])
+    best = origin
+    for frame in tree.frames([chain[-1]]):
+        at = tree.data.oMi[frame.parentJoint] * frame.placement
+        for shape in [*source.shapes.get(frame.name, []), *source.drawn.get(frame.name, [])]:
+            corners = shape.triangles.reshape(-1, 3)
+            corners = corners if len(corners) else shape.translation[None]
+            spots = corners @ at.rotation.T + at.translation
+            far = spots[int(np.argmax(np.linalg.norm(spots - origin, axis=1)))]
+            if np.linalg.norm(far - origin) > np.linalg.norm(best - origin):
+                best = far
+    return best
 
 
 def _influence(tree: Tree, chain: list[int], k: int, tip: np.ndarray) -> float:

@@ -13,11 +13,12 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.onboard import anchor, bodies, hulls, limbs, source
+from s3le.onboard import anchor, bodies, covering, hulls, limbs, reading, source
 from s3le.onboard.tree import Tree
 from s3le.robot import model, sense, srdf
 from s3le.robot.description import MAPPED
 from s3le.robot.robot import Robot, bones_of
+from s3le.safety import covered
 from s3le.store.atomic import replace
 
 TURNED = 0.01  # chord of a unit vector; a joint that moves none farther drops out
@@ -32,6 +33,7 @@ class Proposal:
     name: str
     urdf: Path  # that was read
     made: list[bodies.Made]
+    record: covered.Record  # how far links are drawn beyond their bodies
     found: anchor.Found
     sure: list[str]
     look: list[str]
@@ -47,8 +49,9 @@ def propose(
     srdf_file: Path | None = None,
     spheres: Path | None = None,
     most: int = bodies.MOST,
-    visual: bool = False,
+    collision_only: bool = False,
     with_hulls: bool = False,
+    allowance: float = covered.ALLOWANCE,
 ) -> Proposal:
     """Read a URDF and settle everything that a robot file says.
 
@@ -61,37 +64,39 @@ def propose(
         srdf_file: pairs that are not to be watched.
         spheres: a list of spheres instead of the collision geometry of the links it names.
         most: capsules at most for a mesh.
-        visual: take visual shapes where there is no collision geometry.
+        collision_only: take collision geometry as it is, however far the drawing reaches beyond.
         with_hulls: keep the convex hulls of the meshes beside, for an independent check.
+        allowance: how far a link's drawing may reach beyond its bodies [m].
 
     Raises:
         RobotError: something in the files cannot be used; says what to do.
     """
     if not re.fullmatch(r"[A-Za-z0-9_.+-]{1,100}", name):
         raise RobotError(f"a robot's name is of letters, digits and _.+-, not {name!r}: --name")
-    origin = source.read(urdf, packages, visual)
+    origin = reading.read(urdf, packages, collision_only)
     called = origin.renamed
     disabled = {
         frozenset(called.get(link, link) for link in pair): why
         for pair, why in (srdf.disabled(srdf_file) if srdf_file else {}).items()
-    }
+    } | origin.apart
     given = bodies.read_spheres(spheres) if spheres else {}
     given = {called.get(link, link): rows for link, rows in given.items()}
     found = limbs.find(origin)
     sure, look = list(found.sure), [*found.look, *origin.notes]
     tree = Tree(origin.model)
-    moving = _moving(tree, found, urdf)
+    moving = _moving(tree, found, origin, look)
     _continuous(origin, moving, look)
-    made = bodies.make(origin, most, given)
-    links = {link.get("name"): link for link in origin.root.findall("link")}
-    for body in made:
-        links[body.link].extend(body.elements)
+    made, record, notes = covering.cover(origin, most, given, allowance, collision_only)
+    look += notes
+    _refuse_bare(tree, found, made, urdf)
+    links = {link.get("name") for link in origin.root.findall("link")}
     text = source.text(origin.root)
     files = {f"urdf/{name}.urdf": text.encode()}
     if disabled:
-        kept = {pair: why for pair, why in disabled.items() if pair <= links.keys()}
+        kept = {pair: why for pair, why in disabled.items() if pair <= links}
         files[f"urdf/{name}.srdf"] = srdf.text(name, kept).encode()
-        sure.append(f"SRDF: {len(kept)} pairs of links taken off, all of them listed")
+        by = "SRDF" if srdf_file else "MJCF's <exclude>"
+        sure.append(f"{by}: {len(kept)} pairs of links taken off, all of them listed")
     if with_hulls:
         files[f"urdf/{name}.hulls.npz"] = hulls.pack(origin)
     hold = _hold(tree, origin, moving, look)
@@ -103,7 +108,8 @@ def propose(
                    and tree.still[tree.model.joints[j].idx_q] != 0.0}  # fmt: skip
     with tempfile.TemporaryDirectory() as folder, _called(folder, name, urdf):
         robot = plan.load(Path(folder))
-        plan.joints = _that_turn(robot, look)
+        turning = _that_turn(robot, look)
+        plan.joints = [j for j in moving if j in turning] if origin.order else turning
         plan.anchor = {j: v for j, v in plan.anchor.items() if j in plan.joints}
         plan.velocity = {j: v for j, v in plan.velocity.items() if j in plan.joints}
         for joint in set(moving) - set(plan.joints):
@@ -141,7 +147,7 @@ def propose(
         f"anchor: {best.how}, {best.clearance * 1e3:.0f} mm clear, "
         f"{best.overlaps} pairs overlap there and are not watched"
     )
-    return Proposal(name, Path(urdf), made, best, sure, look, files)
+    return Proposal(name, Path(urdf), made, record, best, sure, look, files)
 
 
 @contextlib.contextmanager
@@ -258,10 +264,33 @@ def _word(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def _moving(tree: Tree, found: limbs.Limbs, urdf: Path) -> list[str]:
+def _refuse_bare(tree: Tree, found: limbs.Limbs, made: Sequence[bodies.Made], urdf: Path) -> None:
+    """Refuse an arm of which a whole part has neither bodies nor a drawing to make them from."""
+    solid = {body.link for body in made}
+    for side, word in (("l", "left"), ("r", "right")):
+        if side not in found.arms:
+            continue
+        elbow = tree.model.getJointId(str(found.points[f"{side}_elbow"]))
+        upper = found.arms[side][: found.arms[side].index(elbow)]
+        for part, joints in (("upper arm", upper), ("forearm", tree.below(elbow))):
+            carried = [frame.name for frame in tree.frames(joints)]
+            if not solid & set(carried):
+                raise RobotError(
+                    f"{urdf}: the {word} {part} has neither collision geometry nor anything that "
+                    f"is drawn ({', '.join(carried[:4])}), so nothing would watch it; add "
+                    "<collision> to it, or give spheres (--spheres)"
+                )
+
+
+def _moving(tree: Tree, found: limbs.Limbs, origin: source.Source, look: list[str]) -> list[str]:
+    """Joints of the waist and of the arms, in the file's own order where it has one."""
     names = [tree.name(j) for j in found.waist]
     for side in ("l", "r"):
         names += [tree.name(j) for j in found.arms.get(side, []) if tree.turns(j)]
+    if origin.order is not None:
+        if still := [name for name in names if name not in origin.order]:
+            look.append(f"held, for no actuator drives them: {', '.join(still)}")
+        names = [name for name in origin.order if name in names]
     for name in names:
         joint = tree.model.joints[tree.model.getJointId(name)]
         if joint.nq == 1:
@@ -269,8 +298,8 @@ def _moving(tree: Tree, found: limbs.Limbs, urdf: Path) -> list[str]:
             high = tree.model.upperPositionLimit[joint.idx_q]
             if low > high:
                 raise RobotError(
-                    f"{urdf}: joint '{name}' has its limits reversed, lower {low:g} and upper "
-                    f"{high:g}; swap them in the URDF"
+                    f"{origin.path}: joint '{name}' has its limits reversed, lower {low:g} and "
+                    f"upper {high:g}; swap them in the URDF"
                 )
     return names
 
@@ -326,7 +355,7 @@ def _speeds(tree: Tree, moving: list[str], look: list[str]) -> dict[str, float]:
             speeds[name] = round(SPEED, 6)
     if speeds:
         look.append(
-            f"velocity: the URDF has no limit that can be one for {', '.join(speeds)}; "
+            f"velocity: the file has no limit that can be one for {', '.join(speeds)}; "
             f"{SPEED:.2f} rad/s are put down, give the robot's own"
         )
     return speeds

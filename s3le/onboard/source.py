@@ -1,4 +1,7 @@
-"""A URDF as somebody wrote it: its tree, its collision shapes as triangles, its meshes found.
+"""A URDF as somebody wrote it: its tree, its shapes as triangles, its meshes found.
+
+Both kinds of shapes are read: the collision ones, which become bodies, and the visual ones, for
+bodies are held against what is drawn.
 
 Meshes are read by coal's loader (STL, DAE, OBJ and what else assimp knows), the one that
 pinocchio places them with. `package://` is looked for in the folders given, in ROS_PACKAGE_PATH,
@@ -18,16 +21,19 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
+from s3le.onboard.expand import expanded
 from s3le.robot import urdf
 from s3le.robot.model import FARTHEST
+from s3le.safety.covered import TAG
 
 SHAPES = ("capsule", "sphere", "box", "cylinder", "mesh")
 _RIM = 32  # corners of the polygon that stands around a cylinder's rim
+WITHOUT = "; --collision-only does without what is drawn, and every certificate then says so"
 _JOINT = ("parent", "child", "origin", "axis", "limit", "mimic")  # what a reduced joint keeps
 
 
 class Shape(NamedTuple):
-    """One piece of a link's collision geometry."""
+    """One piece of a link's geometry."""
 
     kind: str  # one of SHAPES
     rotation: np.ndarray  # (3, 3), in the link's frame
@@ -43,73 +49,77 @@ class Source:
 
     path: Path
     root: ElementTree.Element  # joints and links alone: what the robot file's URDF will hold
-    shapes: dict[str, list[Shape]]  # by link
+    shapes: dict[str, list[Shape]]  # by link, what bodies are made around
+    drawn: dict[str, list[Shape]]  # by link
+    unread: dict[str, str]  # links whose drawing could not be read, and why
     model: pin.Model
     renamed: dict[str, str]  # links: the name they have in the URDF -> the one they have here
     notes: list[str] = field(default_factory=list)
+    order: list[str] | None = None  # of joints that may move, where the file has one of its own
+    apart: dict[frozenset[str], str] = field(default_factory=dict)  # links not to be watched, why
+
+    def settle(self, collision_only: bool) -> None:
+        """Let what is drawn stand for collision geometry where a link has none, and say so."""
+        for link, seen in self.drawn.items():
+            if link not in self.shapes and not collision_only:
+                self.shapes[link] = seen
+                self.notes.append(
+                    f"link '{link}': its visual shapes stand for the missing collision"
+                )
 
     def joint(self, name: str) -> ElementTree.Element:
         """The joint of this name."""
         return next(item for item in self.root.findall("joint") if item.get("name") == name)
 
 
-def read(path: Path, packages: Sequence[Path] = (), visual: bool = False) -> Source:
-    """Read a URDF and the meshes of its collision geometry.
+def read(path: Path, packages: Sequence[Path] = (), collision_only: bool = False) -> Source:
+    """Read a URDF and the meshes of its collision and visual geometry.
 
     Args:
         path: the URDF.
         packages: folders that hold packages, or are one, for `package://`.
-        visual: take the visual shapes of links without collision geometry.
+        collision_only: do without visual geometry that cannot be read, and never take it for
+            collision geometry.
 
     Raises:
         RobotError: it is not a URDF, urdfdom or pinocchio refuse it, a mesh is missing or cannot
-            be read, or there is no collision geometry; says what to do.
+            be read; says what to do.
     """
     path = Path(path)
     if not path.is_file():
         raise RobotError(f"{path} does not exist; give the URDF of the robot")
-    if path.suffix == ".xacro":
-        raise RobotError(f"{path} is a xacro file; expand it first: xacro {path.name} > my.urdf")
-    tree = urdf.elements(path)
+    tree = urdf.elements(path, expanded(path) if path.suffix == ".xacro" else None)
     if any("xacro" in item.tag for item in tree.iter() if isinstance(item.tag, str)):
-        raise RobotError(f"{path} holds xacro; expand it first: xacro {path.name} > my.urdf")
+        tree = urdf.elements(path, expanded(path))
     notes: list[str] = []
-    renamed = _rename(tree)
+    renamed = rename(tree)
     if renamed:
         notes.append(
             "links that share a joint's name are renamed in the robot file's URDF: "
             + ", ".join(f"{old} to {new}" for old, new in renamed.items())
         )
-    root = _bare(tree)
-    model = _model(path, root)
-    finder = _Finder(path, [Path(folder) for folder in packages])
+    root = bare_of(tree)
+    model = model_of(path, root)
+    finder = Finder(path, [Path(folder) for folder in packages])
     shapes: dict[str, list[Shape]] = {}
-    lost: list[str] = []
+    drawn: dict[str, list[Shape]] = {}
+    unread: dict[str, str] = {}
     for link in tree.findall("link"):
         name = link.get("name", "")
-        items = link.findall("collision")
-        if visual and not items:
-            items = link.findall("visual")
-            if items:
-                notes.append(f"link '{name}': its visual shapes stand for the missing collision")
         capsules = {item.get("name") for item in link.findall("collision_checking/capsule")}
-        found = [_shape(path, name, item, capsules, finder) for item in items]
-        if found:
+        if found := [_shape(path, name, i, capsules, finder) for i in link.findall("collision")]:
             shapes[name] = found
-        elif link.find("visual") is not None:
-            lost.append(name)
-    if not shapes:
-        raise RobotError(
-            f"{path}: no collision geometry at all, so nothing could be checked; take the visual "
-            "meshes (--visual), give spheres (--spheres), or add <collision> to its links"
-        )
-    if lost:
-        notes.append(
-            f"{len(lost)} links are drawn but have no collision geometry, so nothing watches "
-            f"them: {', '.join(lost[:8])}{' ...' if len(lost) > 8 else ''} (--visual takes their "
-            "visual shapes)"
-        )
-    return Source(path, root, shapes, model, renamed, notes)
+        try:
+            seen = [_shape(path, name, item, set(), finder) for item in link.findall("visual")]
+        except RobotError as refusal:
+            if not collision_only:
+                raise RobotError(f"{refusal}{WITHOUT}") from None
+            unread[name], seen = str(refusal), []
+        if seen:
+            drawn[name] = seen
+    source = Source(path, root, shapes, drawn, unread, model, renamed, notes)
+    source.settle(collision_only)
+    return source
 
 
 def text(root: ElementTree.Element) -> str:
@@ -119,7 +129,7 @@ def text(root: ElementTree.Element) -> str:
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _rename(tree: ElementTree.Element) -> dict[str, str]:
+def rename(tree: ElementTree.Element) -> dict[str, str]:
     """Give links that are called like a joint another name; pinocchio cannot reduce them."""
     joints = {joint.get("name") for joint in tree.findall("joint")}
     links = {link.get("name") for link in tree.findall("link")}
@@ -137,11 +147,13 @@ def _rename(tree: ElementTree.Element) -> dict[str, str]:
     return renamed
 
 
-def _bare(tree: ElementTree.Element) -> ElementTree.Element:
-    """Links without anything on them, and joints: kinematics alone."""
+def bare_of(tree: ElementTree.Element) -> ElementTree.Element:
+    """Links without anything on them, and joints: kinematics alone; what was found before stays."""
     root = ElementTree.Element("robot", {"name": tree.get("name") or "robot", "version": "1.1"})
+    root.extend(copy.deepcopy(item) for item in tree.findall(TAG))
     for link in tree.findall("link"):
-        ElementTree.SubElement(root, "link", {"name": link.get("name") or ""})
+        bare = ElementTree.SubElement(root, "link", {"name": link.get("name") or ""})
+        bare.extend(copy.deepcopy(item) for item in link.findall(TAG))
     for joint in tree.findall("joint"):
         item = ElementTree.SubElement(root, "joint", dict(joint.attrib))
         item.extend(copy.deepcopy(child) for child in joint if child.tag in _JOINT)
@@ -150,7 +162,12 @@ def _bare(tree: ElementTree.Element) -> ElementTree.Element:
     return root
 
 
-def _model(path: Path, root: ElementTree.Element) -> pin.Model:
+def model_of(path: Path, root: ElementTree.Element) -> pin.Model:
+    """Pinocchio's model of a URDF's joints.
+
+    Raises:
+        RobotError: urdfdom or pinocchio refuse it; passes their words on.
+    """
     printed: list[str] = []
     try:
         with urdf.quiet(printed):
@@ -164,7 +181,7 @@ def _model(path: Path, root: ElementTree.Element) -> pin.Model:
 
 
 @dataclass
-class _Finder:
+class Finder:
     """Where a mesh's file is."""
 
     urdf: Path
@@ -243,7 +260,7 @@ def load_mesh(file: Path, scale: np.ndarray) -> np.ndarray:
 
 
 def _shape(
-    path: Path, link: str, item: ElementTree.Element, capsules: set, finder: _Finder
+    path: Path, link: str, item: ElementTree.Element, capsules: set, finder: Finder
 ) -> Shape:
     origin = item.find("origin")
     where = f"{path}: link '{link}'"
@@ -252,7 +269,7 @@ def _shape(
     rotation, at = pin.rpy.rpyToMatrix(*rpy), np.array(xyz)
     body = next((found for found in item.findall("geometry/*") if found.tag in SHAPES), None)
     if body is None:
-        raise RobotError(f"{where}: a collision element without geometry; give it a shape")
+        raise RobotError(f"{where}: a <{item.tag}> without geometry; give it a shape")
     if body.tag == "mesh":
         scale = tuple(_numbers(where, body, "scale", "1 1 1", 3))
         name = body.get("filename") or ""
@@ -260,7 +277,7 @@ def _shape(
         return Shape("mesh", rotation, at, (), triangles @ rotation.T + at, name)
     if body.tag == "box":
         sizes = _numbers(where, body, "size", None, 3)
-        triangles = _prism(*sizes)
+        triangles = prism(*sizes)
     elif body.tag == "sphere":
         sizes, triangles = _numbers(where, body, "radius", None, 1), np.empty((0, 3, 3))
     else:
@@ -268,7 +285,7 @@ def _shape(
             *_numbers(where, body, "radius", None, 1),
             *_numbers(where, body, "length", None, 1),
         ]
-        triangles = _round(*sizes) if body.tag == "cylinder" else np.empty((0, 3, 3))
+        triangles = rounded(*sizes) if body.tag == "cylinder" else np.empty((0, 3, 3))
     kind = body.tag
     if kind == "cylinder" and item.get("name") in capsules:
         kind, triangles = "capsule", np.empty((0, 3, 3))
@@ -291,13 +308,13 @@ def _numbers(
     return values
 
 
-def _prism(x: float, y: float, z: float) -> np.ndarray:
+def prism(x: float, y: float, z: float) -> np.ndarray:
     """The twelve triangles of a box with these sides, (12, 3, 3)."""
     ring = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) / 2
     return _between(ring, z)
 
 
-def _round(radius: float, length: float) -> np.ndarray:
+def rounded(radius: float, length: float) -> np.ndarray:
     """Triangles of a prism around a cylinder along z: it contains the cylinder, (n, 3, 3)."""
     turn = 2.0 * np.pi * np.arange(_RIM) / _RIM
     ring = radius / np.cos(np.pi / _RIM) * np.column_stack([np.cos(turn), np.sin(turn)])

@@ -9,6 +9,7 @@ import numpy as np
 from s3le.kernels import batch
 from s3le.robot import hulls, pairs, sense
 from s3le.robot.robot import Robot
+from s3le.safety import covered
 from s3le.skeleton import BONES
 
 ALWAYS = 0.95  # share of random poses from which on a pair counts as nearly always colliding
@@ -97,6 +98,7 @@ def lines(robot: Robot, found: Survey, every: bool) -> list[str]:
     names = {"r": "right", "l": "left"}
     for side, far in found.reach.items():
         out.append(f"reach: {names[side]} hand up to {far * 1e3:.0f} mm from its shoulder")
+    out += _drawn(robot)
     reasons = Counter(pair.reason for pair in robot.pairs)
     kept = reasons.pop(pairs.WATCHED, 0)
     out.append(f"pairs of bodies: {len(robot.pairs)}, watched {kept}")
@@ -137,6 +139,22 @@ def lines(robot: Robot, found: Survey, every: bool) -> list[str]:
         out += [f"      {name}: {count} poses, {deep * 1e3:.1f} mm"
                 for name, count, deep in found.hull_pairs]  # fmt: skip
     return out
+
+
+def _drawn(robot: Robot) -> list[str]:
+    """The table of links: bodies, how far the drawing reaches beyond them, and its share."""
+    record, many = covered.read(robot), covered.counts(robot)
+    out = ["links: bodies, drawn beyond those of all that is fixed to it [mm], share outside:"]
+    found = {item.link: item for item in record.links} if record else {}
+    for link in (item.get("name", "") for item in robot.tree.findall("link")):
+        item = found.get(link)
+        if item is None and not many[link]:
+            continue
+        words = "not drawn" if item is None else f"{item.reach * 1e3:9.1f} {item.share:7.1%}"
+        if record is None or (item is not None and not item.reach >= 0.0):
+            words = "not measured"
+        out.append(f"  {link:<28} {many[link]:3d} {words}")
+    return out + ([f"  look: {said}"] if (said := covered.warning(robot)) else [])
 
 
 def _some(items: list[str], every: bool, most: int = 12) -> list[str]:

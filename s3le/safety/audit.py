@@ -3,8 +3,8 @@
 Poses are measured by coal (s3le.robot.certificate), the straight paths between them are proven
 (s3le.safety.paths); where a path collides, coal says how deep at the pose that the proof found.
 What could not be decided counts as broken. Nothing is said of the pairs of bodies that are not
-watched (Robot.unwatched), of bodies outside the model, of dynamics, or of how well a robot
-tracks it.
+watched (Robot.unwatched), of what is drawn of the robot beyond its bodies (s3le.safety.covered),
+of dynamics, or of how well a robot tracks it.
 """
 
 from collections.abc import Callable
@@ -16,6 +16,7 @@ import numpy as np
 from s3le.errors import ParameterError
 from s3le.robot.certificate import Certifier
 from s3le.robot.robot import Robot
+from s3le.safety import covered
 from s3le.safety.paths import BUDGET, CERTIFIED, COLLIDES, UNDECIDED, Segments, certify
 
 ROUNDING = 1e-6  # share by which speed, acceleration may exceed a limit: files round their times
@@ -217,6 +218,7 @@ def certificate(robot: Robot, wanted: Demands, report: Report) -> dict[str, Any]
         "covers": "watched pairs of the modelled capsules on straight joint paths; "
         "no dynamics, no tracking error",
         "not_covered": not_covered(robot),
+        "not_covered_links": covered.tree(robot),
         "holds": report.holds,
     }
 
