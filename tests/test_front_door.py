@@ -158,7 +158,7 @@ def test_the_list_of_robots_says_what_is_not_covered(place):
     arms(place / "data" / "robots", "mine")
     said = run("robot", "list")
     assert said.exit_code == shell.OK, said.output
-    assert "g1: 11 joints, 7 bones followed, 48 bodies, 895 pairs watched" in said.output
+    assert "g1: 11 joints, 7 bones followed, 52 bodies, 988 pairs watched" in said.output
     assert "Unitree Robotics; unitreerobotics/unitree_ros" in said.output
     assert "mine: 4 joints" in said.output and "your own" in said.output
     told = {row["name"]: row for row in json.loads(run("robot", "list", "--json").output)}
