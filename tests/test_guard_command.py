@@ -11,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command import ROOT, run
 from layouts import KINDS
 from test_guard_clean import collides as stays
 from test_guard_clean import colliding, joint, lying, swaying, too_hard
-from typer.testing import CliRunner
 from worlds import coman
 
 from s3le.cli import shell
-from s3le.cli.main import app
 from s3le.guard import folder
 from s3le.guard.layouts.door import open_layout
 from s3le.guard.layouts.text import TextLayout
@@ -29,13 +28,8 @@ from s3le.safety import audit
 from s3le.store import tables
 from s3le.tuples.engine import lock
 
-ROOT = Path(__file__).parents[1]
 ROBOT = ["--robot", "coman"]
 ONE = [*ROBOT, "--jobs", "1"]
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def put(path, q, **more):

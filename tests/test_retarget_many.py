@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from command import run
 from follower import Plain, led_by
 from handmade import amc, asf, bvh, write
-from test_cli import run
 from worlds import coman
 
 from s3le.cli import shell, shown
