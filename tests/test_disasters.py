@@ -18,11 +18,19 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from ruamel.yaml import YAML
+from stages import stale, stopped
 from tiny import after_kills, environment, good, mend, set_params, shell
 
 pytestmark = pytest.mark.slow
-STAGES = ("robot", "pair", "sample", "train@s3le", "export", "report")  # each way of writing once:
-# a folder, tables, shards, a model with its checkpoint, a retargeter, pictures and a page
+WIDE = pytest.mark.wide
+STAGES = (  # each way of writing once
+    "pair",  # files that are put in place one by one
+    "sample",  # shards that outlive a run
+    "train@s3le",  # a checkpoint that is gone on from
+    "export",  # a folder that takes another's place
+    pytest.param("robot", marks=WIDE),  # files again, into one folder
+    pytest.param("report", marks=WIDE),  # files again, pictures and a page
+)
 CHANGED = (".dvc", "data", "reports", "dvc.lock", "params.yaml")
 FIRST = ("robot", "clips", "skeletons", "pair")  # what a run for the mocap pairs makes
 OUT_OF_DISK = ("File too large", "No space left on device")
@@ -121,11 +129,12 @@ def test_a_stage_that_is_out_of_disk_and_then_killed_leaves_nothing_half_written
     assert files(here, [stage]) == calm
 
 
-def test_dvc_killed_at_any_moment_goes_on_to_the_bytes_of_a_calm_run(here):
+@pytest.mark.parametrize("kills", [2, pytest.param(5, marks=WIDE)])
+def test_dvc_killed_at_any_moment_goes_on_to_the_bytes_of_a_calm_run(here, kills):
     luck, calm = random.Random(5), files(here, FIRST)
     forget(here, FIRST)
     killed = 0
-    while killed < 5:
+    while killed < kills:
         top = subprocess.Popen(
             ["sh", "-c", "exec dvc repro pair > said 2>&1"], cwd=here, env=environment(here)
         )
@@ -142,7 +151,7 @@ def test_dvc_killed_at_any_moment_goes_on_to_the_bytes_of_a_calm_run(here):
     good(here, "git", "checkout", "-q", "dvc.lock")
     after_kills(here, "dvc", "repro", "pair")
     assert files(here, FIRST) == calm
-    assert good(here, "dvc", "status", "pair").strip().endswith("up to date.")
+    assert not stale(here, "pair")
 
 
 @pytest.fixture
@@ -203,25 +212,23 @@ def without_metadata(rows: pa.Table) -> pa.Table:
     ],
     ids=["an unsafe row", "saved by another program", "a byte"],
 )
-def test_a_table_edited_by_hand_is_refused_and_made_anew(here, edit, why):
-    path, calm = here / "data" / "mocap_pairs.parquet", files(here, ["pair"])
+def test_a_table_edited_by_hand_is_refused(here, edit, why, monkeypatch, capfd):
+    path = here / "data" / "mocap_pairs.parquet"
     if callable(edit):
         pq.write_table(edit(pq.read_table(path)), path)
     else:
         data = bytearray(path.read_bytes())
         data[len(data) // 2] ^= 0xFF
         path.write_bytes(data)
-    line = in_one_line(shell(here, *command("index@skeleton_pairs")))
+    line = stopped("index@skeleton_pairs", here, monkeypatch, capfd)
     assert line.startswith("TableError: data/mocap_pairs.parquet") and why in line
     assert line.endswith("write it with: dvc repro pair")
-    good(here, "dvc", "repro", "pair")
-    assert files(here, ["pair"]) == calm
 
 
-def test_rows_in_another_order_are_seen_by_dvc(here):
+def test_rows_in_another_order_are_seen_by_dvc_and_made_anew(here):
     path, calm = here / "data" / "mocap_pairs.parquet", files(here, ["pair"])
     pq.write_table(another_row_order(pq.read_table(path)), path)
-    assert "data/mocap_pairs.parquet" in good(here, "dvc", "status", "pair")
+    assert "data/mocap_pairs.parquet" in str(stale(here, "pair")["pair"])
     good(here, "dvc", "repro", "pair")
     assert files(here, ["pair"]) == calm
 
@@ -233,7 +240,7 @@ def test_a_lock_of_another_commit_gives_this_commit_s_bytes(here):
     other = files(here, FIRST)
     assert other != calm
     good(here, "git", "checkout", "-q", "params.yaml")  # dvc.lock and tables stay the other's
-    assert "pair" in good(here, "dvc", "status", "pair")
+    assert "pair" in stale(here, "pair")
     good(here, "dvc", "repro", "pair")
     assert files(here, FIRST) == calm
 

@@ -358,7 +358,7 @@ def alone(*words):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.wide), 2])
 def test_a_kill_leaves_whole_files_and_the_next_run_goes_on(tmp_path, jobs):
     for number in range(12):
         put(tmp_path / "in" / f"{number:02}.csv", colliding(90 + number))

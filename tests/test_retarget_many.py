@@ -394,7 +394,7 @@ def test_many_processes_write_what_one_writes(clips, tmp_path, model):
     assert audited.exit_code == shell.OK and "3 of 3 files hold" in audited.output
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.wide), 2])
 def test_a_kill_leaves_whole_files_and_the_next_run_goes_on(tmp_path, jobs):
     for number in range(10):
         put(tmp_path / "clips", number, frames=150)
