@@ -242,7 +242,7 @@ def test_bad_input_stops_a_stage_in_one_clear_line_and_changes_nothing(
     assert before == {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize("kind", ["out of range", "truncated"])  # in params.yaml, in a file
+@pytest.mark.parametrize("kind", ["truncated", pytest.param("out of range", marks=WIDE)])
 def test_bad_input_ends_dvc_in_one_clear_line_and_the_next_run_completes(clean, kind):
     break_it, stage, words = BAD_INPUT[kind]
     break_it(clean)
