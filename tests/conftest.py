@@ -63,3 +63,22 @@ def project(tmp_path_factory):
     folder = tmp_path_factory.mktemp("project")
     shutil.copytree(first, folder, symlinks=True, dirs_exist_ok=True)
     return folder
+
+
+@pytest.fixture(scope="session")
+def kept(project, tmp_path_factory):
+    """What a run changes in the project, as its first run left it."""
+    import tiny
+
+    folder = tmp_path_factory.mktemp("kept")
+    tiny.put(project, folder)
+    return folder
+
+
+@pytest.fixture
+def here(project, kept):
+    """The project, which is as it was when the test is over."""
+    import tiny
+
+    yield project
+    tiny.put(kept, project)

@@ -375,7 +375,9 @@ def alone(*words):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("model", [False, True], ids=["poses", "model"])
+@pytest.mark.parametrize(
+    "model", [pytest.param(False, marks=pytest.mark.wide), True], ids=["poses", "model"]
+)
 def test_many_processes_write_what_one_writes(clips, tmp_path, model):
     (clips / "lost.bvh").write_text("HIERARCHY\nnonsense")
     more = ["--model", stored.ensure(coman())] if model else []

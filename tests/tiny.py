@@ -32,6 +32,7 @@ TINY = {
     "report": {"strip_frames": 2},
 }
 STAGES = 33
+CHANGED = (".dvc", "data", "reports", "dvc.lock", "params.yaml")  # by a run
 RECORDS = ("reports/latency.json",)  # of reports/, what a run reads
 
 
@@ -105,6 +106,14 @@ def set_params(folder: Path, tree: dict) -> None:
         else:
             params[key] = value
     yaml.dump(params, path)
+
+
+def put(source: Path, target: Path) -> None:
+    """Make what a run changes in one project what it is in another."""
+    for name in CHANGED:
+        old, new = target / name, source / name
+        shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
+        shutil.copytree(new, old) if new.is_dir() else shutil.copy2(new, old)
 
 
 def make(folder: Path) -> None:
