@@ -32,7 +32,7 @@ STAGES = (  # each way of writing once
     pytest.param("robot", marks=WIDE),  # files again, into one folder
     pytest.param("report", marks=WIDE),  # files again, pictures and a page
 )
-FIRST = ("robot", "clips", "skeletons", "pair")  # what a run for the mocap pairs makes
+FIRST = ("robot", "clips", "skeletons")  # what a run for the skeletons makes
 OUT_OF_DISK = ("File too large", "No space left on device")
 
 
@@ -124,9 +124,9 @@ def test_dvc_killed_at_any_moment_goes_on_to_the_bytes_of_a_calm_run(here, kills
     killed = 0
     while killed < kills:
         top = subprocess.Popen(
-            ["sh", "-c", "exec dvc repro pair > said 2>&1"], cwd=here, env=environment(here)
+            ["sh", "-c", "exec dvc repro skeletons > said 2>&1"], cwd=here, env=environment(here)
         )
-        time.sleep(luck.uniform(0.5, 8.0))
+        time.sleep(luck.uniform(0.5, 6.0))
         if top.poll() is None:
             top.kill()
             killed += 1
@@ -137,9 +137,9 @@ def test_dvc_killed_at_any_moment_goes_on_to_the_bytes_of_a_calm_run(here, kills
         left = {name: data for name, data in files(here, FIRST).items() if ".part" not in name}
         assert left.items() <= calm.items()
     good(here, "git", "checkout", "-q", "dvc.lock")
-    after_kills(here, "dvc", "repro", "pair")
+    after_kills(here, "dvc", "repro", "skeletons")
     assert files(here, FIRST) == calm
-    assert not stale(here, "pair")
+    assert not stale(here, "skeletons")
 
 
 @pytest.fixture
@@ -163,7 +163,7 @@ def test_dvc_on_a_full_disk_stops_with_a_line_and_goes_on_when_there_is_room(
     room = shutil.disk_usage(disk).free - left_free
     with (disk / "ballast").open("wb") as ballast:
         os.posix_fallocate(ballast.fileno(), 0, room)
-    done = shell(here, "dvc", "repro", "pair")
+    done = shell(here, "dvc", "repro", "skeletons")
     said = done.stdout + done.stderr
     assert done.returncode != 0 and "Traceback" not in said
     # Where the disk has room for the file and not for dvc's trial of a link to it, dvc says
@@ -172,7 +172,7 @@ def test_dvc_on_a_full_disk_stops_with_a_line_and_goes_on_when_there_is_room(
     assert files(here, FIRST).items() <= calm.items()
     (disk / "ballast").unlink()
     good(here, "git", "checkout", "-q", "dvc.lock")
-    good(here, "dvc", "repro", "pair")
+    good(here, "dvc", "repro", "skeletons")
     assert files(here, FIRST) == calm
 
 
@@ -225,28 +225,30 @@ def test_rows_in_another_order_are_seen_by_dvc_and_made_anew(here):
 
 def test_a_lock_of_another_commit_gives_this_commit_s_bytes(here):
     calm = files(here, FIRST)
-    set_params(here, {"pair": {"rows": 20}})
-    good(here, "dvc", "repro", "pair")
+    set_params(here, {"skeletons": {"domain_rows": 200}})
+    good(here, "dvc", "repro", "skeletons")
     other = files(here, FIRST)
     assert other != calm
     good(here, "git", "checkout", "-q", "params.yaml")  # dvc.lock and tables stay the other's
-    assert "pair" in stale(here, "pair")
-    good(here, "dvc", "repro", "pair")
+    assert "skeletons" in stale(here, "skeletons")
+    good(here, "dvc", "repro", "skeletons")
     assert files(here, FIRST) == calm
 
 
 def test_a_lock_whose_tables_nobody_has_or_with_a_merge_conflict_ends_in_a_line(here):
     calm = files(here, FIRST)
     forget(here, FIRST)
-    done = shell(here, "dvc", "checkout", "data/mocap_pairs.parquet")
+    done = shell(here, "dvc", "checkout", "data/skeletons.parquet")
     assert done.returncode != 0 and "Traceback" not in done.stderr
-    assert "mocap_pairs.parquet" in done.stderr
+    assert "skeletons.parquet" in done.stderr
     lock = here / "dvc.lock"
-    lock.write_text(lock.read_text().replace("  pair:", "<<<<<<< ours\n  pair:\n=======\n", 1))
-    done = shell(here, "dvc", "repro", "pair")
+    lock.write_text(
+        lock.read_text().replace("  skeletons:", "<<<<<<< ours\n  skeletons:\n=======\n", 1)
+    )
+    done = shell(here, "dvc", "repro", "skeletons")
     assert done.returncode != 0 and "Traceback" not in done.stderr and "dvc.lock" in done.stderr
     good(here, "git", "checkout", "-q", "dvc.lock")
-    good(here, "dvc", "repro", "pair")
+    good(here, "dvc", "repro", "skeletons")
     assert files(here, FIRST) == calm
 
 
@@ -269,10 +271,10 @@ def both(folder: Path, *words: str) -> list[tuple[int, str]]:
 def test_of_two_runs_at_once_one_completes_and_the_other_says_who_is_in_its_way(here):
     calm = files(here, FIRST)
     forget(here, FIRST)
-    for status, said in both(here, "dvc", "repro", "pair"):
+    for status, said in both(here, "dvc", "repro", "skeletons"):
         assert "Traceback" not in said
         assert status == 0 or "lock" in said or "busy" in said, said
-    good(here, "dvc", "repro", "pair")
+    good(here, "dvc", "repro", "skeletons")
     assert files(here, FIRST) == calm
 
 
