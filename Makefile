@@ -13,7 +13,7 @@ VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro report dataset test test-all paper study search judge hpp video videos setup lint lock
+.PHONY: repro report dataset test laws test-all paper study search judge hpp video videos setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
@@ -24,7 +24,9 @@ report: setup
 # Every law once: readers against a hundred broken files each, the proof, the guard, one whole tiny
 # run of the pipeline, and a disaster for each way of writing. No browser, estimator or cluster.
 TESTS := OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile --no-loadscope-reorder
-test: lint
+test: setup
+	@$(MAKE) --no-print-directory -j 2 lint laws
+laws: setup
 	@$(RUN) $(TESTS) -m "not wide"
 
 # All of these and the `wide` ones: what wants a browser, a video estimator or a cluster, a third

@@ -117,12 +117,12 @@ def test_a_stage_that_is_out_of_disk_and_then_killed_leaves_nothing_half_written
     assert files(here, [stage]) == calm
 
 
-@pytest.mark.parametrize("kills", [1, pytest.param(5, marks=WIDE)])
-def test_dvc_killed_at_any_moment_goes_on_to_the_bytes_of_a_calm_run(here, kills):
+@WIDE  # the same of one stage: test_pipeline
+def test_dvc_killed_at_any_moment_goes_on_to_the_bytes_of_a_calm_run(here):
     luck, calm = random.Random(5), files(here, FIRST)
     forget(here, FIRST)
     killed = 0
-    while killed < kills:
+    while killed < 5:
         top = subprocess.Popen(
             ["sh", "-c", "exec dvc repro skeletons > said 2>&1"], cwd=here, env=environment(here)
         )
