@@ -1,5 +1,5 @@
 # Two commands: `make repro` runs the whole pipeline, `make test` runs the tests; `make test-all`
-# adds those that want a browser, a video estimator or a cluster.
+# adds those that want a browser, a video estimator or a cluster, or repeat a law in large.
 # `make video` sets up the pose estimator of `s3le video`, `make videos` fetches videos to try.
 # `make report` runs as much of the pipeline as the page that reads a run needs.
 # `make paper` runs the pipeline by what is printed in the paper.
@@ -13,7 +13,7 @@ VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro report test test-all paper study search judge hpp video videos setup lint lock
+.PHONY: repro report test laws test-all paper study search judge hpp video videos setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
@@ -21,13 +21,17 @@ repro: setup
 report: setup
 	@$(RUN) dvc repro report
 
-# Laws, readers, the proof, the guard, the pipeline in small: no browser, estimator or cluster.
+# Every law once: readers against a hundred broken files each, the proof, the guard, one whole tiny
+# run of the pipeline, and a disaster for each way of writing. No browser, estimator or cluster.
 TESTS := OMP_NUM_THREADS=1 pytest -q -n auto --dist loadfile --no-loadscope-reorder
-test: lint
+test: setup
+	@$(MAKE) --no-print-directory -j 2 lint laws
+laws: setup
 	@$(RUN) $(TESTS) -m "not wide"
 
-# And what wants a browser, a video estimator or a cluster, a third judge, and the tour. These are
-# wished for: without them the tests that want them are skipped.
+# All of these and the `wide` ones: what wants a browser, a video estimator or a cluster, a third
+# judge, the tour, and what repeats in large: experiments through all stages, another robot through
+# dvc, more kills. Whoever lacks a browser or the others has the tests that want them skipped.
 test-all: lint
 	-@$(MAKE) --no-print-directory video
 	-@$(MAKE) --no-print-directory hpp

@@ -18,8 +18,20 @@ def pytest_addoption(parser):
 
 
 # Long files begin before short ones, so that no worker is left with one at the end; while the
-# first of these makes the tiny run and compiles for it, the next ones need neither.
-BEGIN_WITH = ("test_disasters", "test_report", "test_training", "test_engine", "test_pipeline")
+# first of these makes the tiny run and compiles for it, the next ones need neither. Each worker
+# has two files from the beginning: the first and the third go to one.
+BEGIN_WITH = (
+    "test_disasters",
+    "test_training",
+    "test_retarget_many",
+    "test_engine",
+    "test_pipeline",
+    "test_guard_command",
+    "test_wheel",
+    "test_mutants",
+    "test_report",
+    "test_front_door",
+)
 
 
 def pytest_collection_modifyitems(items):
@@ -51,3 +63,22 @@ def project(tmp_path_factory):
     folder = tmp_path_factory.mktemp("project")
     shutil.copytree(first, folder, symlinks=True, dirs_exist_ok=True)
     return folder
+
+
+@pytest.fixture(scope="session")
+def kept(project, tmp_path_factory):
+    """What a run changes in the project, as its first run left it."""
+    import tiny
+
+    folder = tmp_path_factory.mktemp("kept")
+    tiny.put(project, folder)
+    return folder
+
+
+@pytest.fixture
+def here(project, kept):
+    """The project, which is as it was when the test is over."""
+    import tiny
+
+    yield project
+    tiny.put(kept, project)

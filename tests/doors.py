@@ -5,8 +5,8 @@ read although it is broken: its own grammar, looked up again in the bytes by sim
 the reader's, and numbers within the ranges that the reader promises. What is written with
 checksums (tables, shards, models) must read as a good file to the last bit, or not at all.
 
-As a program (doors.py DOOR FIRST COUNT FOLDER) it runs in a process of its own, so that a reader
-may crash, hang or eat memory without taking the tests along.
+As a program it runs each reader in a process of its own, so that a reader may crash, hang or eat
+memory without taking the tests along.
 """
 
 import json
@@ -146,5 +146,29 @@ def main(name: str, first: int, count: int, folder: Path) -> None:
     print(json.dumps({"counts": counts, "most": peak}))
 
 
+def serve() -> None:
+    """Do what each line of standard input says in a process of its own, forked from this one.
+
+    A line is JSON, the arguments of main; what is said goes to out and err in the folder, and the
+    status in which the process ended is the answer. What readers import is imported once.
+    """
+    for line in sys.stdin:
+        name, first, count, folder = json.loads(line)
+        child = os.fork()
+        if not child:
+            for stream, file in ((1, "out"), (2, "err")):
+                os.dup2(os.open(Path(folder) / file, os.O_CREAT | os.O_WRONLY), stream)
+            status = 1
+            try:
+                main(name, first, count, Path(folder))
+                status = 0
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                sys.stdout.flush(), sys.stderr.flush()
+                os._exit(status)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+    serve()

@@ -9,10 +9,10 @@ import pytest
 from dag import readers_and_reruns
 from dvc.repo import Repo
 from follower import Plain, led_by
+from guarding import put
 from handmade import bvh, write
 from ruamel.yaml import YAML
 from test_guard_clean import collides, colliding, lying, swaying
-from test_guard_command import put
 from test_house import ROBOTS, ROOT, STAGES, switched_on
 from worlds import coman
 

@@ -1,6 +1,5 @@
 """The front door: what `import s3le` hands out, robots by name, poses without a training."""
 
-import fcntl
 import json
 import os
 import shutil
@@ -11,11 +10,11 @@ import tomllib
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
+from command import ROOT, run, waving
+from fresh import python
 from handmade import write
 from ruamel.yaml import YAML
-from test_cli import run, waving
 from worlds import ARMS_URDF, ARMS_YAML, MARGIN, coman
 
 import s3le
@@ -27,21 +26,10 @@ from s3le.retarget import exported, stored
 from s3le.retarget.settings import Settings
 from s3le.robot import known
 from s3le.robot.robot import Robot
-from s3le.safety import segment
-from s3le.safety.paths import certify
 from s3le.store import cache
 
-ROOT = Path(__file__).parents[1]
 PARAMS = YAML(typ="safe").load(ROOT / "params.yaml")
 HEAVY = {"numpy", "numba", "torch", "pinocchio", "coal", "polars", "pyarrow", "scipy"}
-
-
-def python(code, **env):
-    """A fresh process of this checkout."""
-    return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300,
-        env=os.environ | {"PYTHONPATH": str(ROOT)} | env,
-    )  # fmt: skip
 
 
 # --- import s3le
@@ -353,110 +341,3 @@ def test_a_new_robot_moves_without_a_pipeline(few):
         said = run("retarget", "a.bvh", "--out", "motions", "--robot", given)
         assert said.exit_code == shell.OK, said.output
         assert "robot my (my.yaml)" in said.output
-
-
-# --- kernels
-
-
-def test_kernels_are_kept_where_it_can_be_written(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setattr(compiled, "_HERE", tmp_path / "package")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(compiled.config, "CACHE_DIR", str(tmp_path / "chosen"))
-    assert compiled.place() == tmp_path / "chosen"
-    monkeypatch.setattr(compiled.config, "CACHE_DIR", "")
-    assert compiled.place() == tmp_path / "cache" / "s3le"
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert compiled.place() == tmp_path / "package" / "__pycache__"
-    monkeypatch.setattr(compiled, "_HERE", tmp_path / "file")
-    assert compiled.place() is None
-
-
-def test_kernels_that_cannot_be_kept_are_compiled_all_the_same():
-    code = ("from s3le.kernels import compiled\n"
-            "assert not compiled.kept() and not compiled.stored('pursue.pursue')\n"
-            "print(compiled.compiled(lambda x: 2 * x)(21))")  # fmt: skip
-    said = python(code, NUMBA_CACHE_DIR="/dev/null/none", XDG_CACHE_HOME="/dev/null/none")
-    assert said.returncode == 0 and said.stdout == "42\n", said.stderr
-
-
-def test_processes_that_compile_take_turns_in_writing(tmp_path, monkeypatch):
-    """numba numbers the files of a function: two writers at once could mix two signatures."""
-    monkeypatch.setattr(compiled, "_STORE", tmp_path)
-    done = []
-    save = compiled._in_turn(lambda *words: done.append(words))
-    with (tmp_path / ".lock").open("a") as other:
-        fcntl.flock(other, fcntl.LOCK_EX)
-        waiting = threading.Thread(target=save, args=("key", "data"))
-        waiting.start()
-        waiting.join(0.3)
-        assert waiting.is_alive() and not done
-    waiting.join(10)
-    assert done == [("key", "data")]
-    assert batch._project._cache._cache_file.save.__qualname__.startswith("_in_turn")
-
-
-def test_poses_of_a_file_are_no_reason_to_compile_anew():
-    """Arrays that a file gives are read-only, which is another type to numba: 15 seconds."""
-    doors = (batch._skeletons, batch._clearances, segment.prove_rows)
-    q = np.stack([coman().anchor, coman().anchor])
-
-    def through():
-        batch.skeletons(coman().chain, q)
-        batch.clearances(coman().chain, q)
-        certify(coman(), q, 0.0005)
-
-    through()
-    before = [len(door.signatures) for door in doors]
-    q.setflags(write=False)
-    through()
-    assert [len(door.signatures) for door in doors] == before
-
-
-# --- the wheel
-
-
-@pytest.mark.slow
-def test_the_wheel_alone_makes_a_motion_without_torch_dvc_or_a_checkout(tmp_path):
-    """Unpacked into an empty folder, with everything missing that is an extra."""
-    source = tmp_path / "source"
-    shutil.copytree(
-        ROOT, source, ignore=shutil.ignore_patterns(".*", "data", "reports", "build", "*.egg-info")
-    )
-    subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation",
-         "-w", tmp_path, source], check=True,
-    )  # fmt: skip
-    (wheel,) = tmp_path.glob("*.whl")
-    assert wheel.name == "s3le-0.2.0-py3-none-any.whl" and wheel.stat().st_size < 10 * 2**20
-    installed = tmp_path / "installed"
-    shutil.unpack_archive(wheel, installed, "zip")
-    assert {path.name for path in installed.iterdir()} == {"s3le", "s3le-0.2.0.dist-info"}
-    needs = (installed / "s3le-0.2.0.dist-info" / "METADATA").read_text(encoding="utf-8")
-    base = [line for line in needs.splitlines()
-            if line.startswith("Requires-Dist") and "extra ==" not in line]  # fmt: skip
-    assert base and not any(name in " ".join(base) for name in ("torch", "dvc", "ray", "viser"))
-    missing = tmp_path / "missing"
-    missing.mkdir()
-    for name in ("torch", "dvc", "psutil", "ray", "viser", "av", "mujoco", "pipeline"):
-        (missing / f"{name}.py").write_text(f"raise ModuleNotFoundError('no {name} here')\n")
-    here = tmp_path / "empty"
-    here.mkdir()
-    write(here / "walk.bvh", waving())
-    env = os.environ | {
-        "PYTHONPATH": f"{missing}:{installed}", "XDG_CACHE_HOME": str(tmp_path / "cache"),
-        "NUMBA_CACHE_DIR": str(compiled.place()),  # benchmarks/first_motion.py compiles anew
-    }  # fmt: skip
-
-    def s3le_says(*words):
-        return subprocess.run(
-            [sys.executable, "-m", "s3le.cli", *words], cwd=here, env=env, check=True,
-            capture_output=True, text=True,
-        ).stdout  # fmt: skip
-
-    assert str(installed) in s3le_says("robot", "list")
-    said = s3le_says("retarget", "walk.bvh", "--out", "motions")
-    assert "20,000 stored poses" in said and "certified" in said
-    assert "CERTIFIED" in s3le_says("audit", "motions/walk.parquet")
-    (kept,) = (tmp_path / "cache" / "s3le" / "poses").glob("coman-*")
-    assert sum(p.stat().st_size for p in kept.rglob("*") if p.is_file()) < 10 * 2**20

@@ -11,38 +11,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from layouts import KINDS
+from command import ROOT, run
+from guarding import put, snapshot
 from test_guard_clean import collides as stays
 from test_guard_clean import colliding, joint, lying, swaying, too_hard
-from typer.testing import CliRunner
 from worlds import coman
 
 from s3le.cli import shell
-from s3le.cli.main import app
 from s3le.guard import folder
 from s3le.guard.layouts.door import open_layout
 from s3le.guard.layouts.text import TextLayout
 from s3le.guard.table import guard as contract
 from s3le.motion import files, trajectory
-from s3le.robot.robot import Robot
-from s3le.safety import audit
 from s3le.store import tables
 from s3le.tuples.engine import lock
 
-ROOT = Path(__file__).parents[1]
 ROBOT = ["--robot", "coman"]
 ONE = [*ROBOT, "--jobs", "1"]
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
-
-
-def put(path, q, **more):
-    """A motion in a file of our own; float64."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    files.write(trajectory.make("m", coman().joint_names, np.arange(len(q)) / 30, q, **more), path)
-    return path
 
 
 def gmr(path, q):
@@ -62,10 +47,6 @@ def side(out, name):
 
 def told(out):
     return tables.read_frame(contract(0.002), out / "guard.parquet", coman().tag)
-
-
-def snapshot(place):
-    return {p.relative_to(place): p.read_bytes() for p in place.rglob("*") if p.is_file()}
 
 
 def audited(*paths):
@@ -364,7 +345,7 @@ def alone(*words):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.wide), 2])
 def test_a_kill_leaves_whole_files_and_the_next_run_goes_on(tmp_path, jobs):
     for number in range(12):
         put(tmp_path / "in" / f"{number:02}.csv", colliding(90 + number))
@@ -428,35 +409,3 @@ def test_rows_of_a_layout_of_ours_say_what_they_are_now(good, bad, tmp_path):
     assert about["certificate"]["holds"] is True and "old" not in about["certificate"]
     assert about["robot_hash"] == coman().digest and joint("RShLat") == 8
     assert held.episodes[0].q.shape == (60, 11)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_layout_comes_out_certified_and_then_stays(tmp_path, kind):
-    it = KINDS[kind]
-    if kind == "hdf5":
-        pytest.importorskip("h5py")
-    robot, words = Robot.load(it.robot), ["--robot", it.robot, "--jobs", 1]
-    for option, value in it.options.items():
-        given = ",".join(value) if option == "joints" else value
-        words += [f"--{option}"] if value is True else [f"--{option}", given]
-    (tmp_path / "was").mkdir()
-    source = it.make(tmp_path / "was")
-    layout = open_layout(source, robot, **it.options)
-    wide = [np.clip(3.0 * (one.q - robot.anchor) + robot.anchor, -3, 3) for one in layout.episodes]
-    target = tmp_path / "in" / source.name
-    target.parent.mkdir()
-    layout.write(target, wide)
-    assert run("guard", target, *words, "--check").exit_code == shell.BROKEN
-    said = run("guard", target, *words, "--out", tmp_path / "out")
-    assert said.exit_code == shell.OK, said.output
-    came = open_layout(tmp_path / "out" / source.name, robot, **it.options)
-    wanted = audit.demands(robot, acceleration=60.0)
-    for one in came.episodes:
-        assert audit.audit(robot, one.time, one.q, wanted).holds
-    again = run("guard", tmp_path / "out" / source.name, *words, "--out", tmp_path / "twice")
-    assert again.exit_code == shell.OK and " 0.0 % touched" in again.output
-    if it.same:
-        assert snapshot(tmp_path / "out").keys() == snapshot(tmp_path / "twice").keys()
-    twice = open_layout(tmp_path / "twice" / source.name, robot, **it.options)
-    for one, two in zip(came.episodes, twice.episodes, strict=True):
-        assert (one.q == two.q).all()

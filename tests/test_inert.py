@@ -14,6 +14,7 @@ import bodies
 import estimators
 import numpy as np
 import pytest
+from frankmocaps import BODY, CAMERA
 from test_keypoints import same, save
 
 from s3le.errors import ClipError
@@ -21,11 +22,7 @@ from s3le.human.keypoints import tensors
 from s3le.human.keypoints.how import How
 from s3le.human.read import read_clip
 from s3le.inert import names, pickles
-from s3le.skeleton import features
 
-BODY = bodies.body()
-CAMERA = BODY @ bodies.INTO["camera"].T
-PIXELS = bodies.listed("spin49", CAMERA) * 300.0 + (640, 360, 0)
 # What torch 2 makes of a tensor, with the storage's bytes cut short; FrankMocap keeps one.
 TENSOR = (
     b"ctorch._utils\n_rebuild_tensor_v2\n(ctorch.storage\n_load_from_bytes\n(U\x04\x80\x02K\x01tR"
@@ -395,78 +392,6 @@ def test_no_tree_of_any_form_does_anything_but_read_or_be_refused(tmp_path):
 # --- FrankMocap
 
 
-def frankmocap(folder, frames, protocol=4, people=1, key="pred_joints_img", name="{:05d}"):
-    """A folder as FrankMocap writes it; frames are numbers of frames."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for row, frame in enumerate(frames):
-        one = {
-            key: PIXELS[row], "pred_camera": np.array([0.9, 0.0, 0.1], "f4"),
-            "pred_body_pose": np.zeros((1, 72), "f4"), "bbox_scale_ratio": np.float64(1.3),
-        }  # fmt: skip
-        saved = collections.OrderedDict(
-            demo_type="body", smpl_type="smpl", image_path=f"/x/{frame:05d}.jpg",
-            body_bbox_list=[np.array([1, 2, 3, 4])] * people, hand_bbox_list=[None] * people,
-            save_mesh=False, pred_output_list=[one] + [None] * (people - 1),
-        )  # fmt: skip
-        path = folder / f"{name.format(frame)}_prediction_result.pkl"
-        path.write_bytes(pickle.dumps(saved, protocol))
-    return folder
-
-
-@pytest.mark.parametrize("protocol", [0, 2, 4, 5])
-def test_frankmocaps_frames_are_a_clip_with_gaps_where_nobody_was(tmp_path, protocol):
-    out = tmp_path / "dance"
-    frankmocap(out / "mocap", [7, 8, 10, 11, 12], protocol)
-    clip = read_clip(out, fps=25)
-    assert clip.name == "dance" and clip.fps == 25.0
-    assert np.isnan(clip.points).all(axis=(1, 2)).tolist() == [False, False, True] + [False] * 3
-    rows = [0, 1, 3, 4, 5]
-    got, want = (features(p)[0] for p in (clip.points[rows], bodies.points(BODY[:5])))
-    assert np.allclose(got, want, rtol=0, atol=1e-6)
-    assert clip.reading.how[:2] == ("spin49", "camera") and clip.reading.how.person is None
-    assert np.array_equal(read_clip(out / "mocap", 25).points, clip.points, equal_nan=True)
-
-
 def test_frankmocaps_tensors_stay_closed():
     made = pickles.load("a", b"}(U\x10img_cropped_norm" + TENSOR + b"U\x01aK\x01u.")
     assert made == {"img_cropped_norm": names.CLOSED, "a": 1}
-
-
-def test_frankmocaps_people_and_other_files_are_told_apart(tmp_path):
-    two = frankmocap(tmp_path / "two", [1, 2], people=2)
-    with pytest.raises(ClipError, match=r"holds 2 persons \(0, 1\); choose one"):
-        read_clip(two)
-    assert read_clip(two, how=How(person=0)).reading.how.person == 0
-    with pytest.raises(ClipError, match="not one of 2 frames has a joint that is known"):
-        read_clip(two, how=How(person=1))
-    with pytest.raises(ClipError, match="has none of pred_joints_img"):
-        read_clip(frankmocap(tmp_path / "mesh", [1], key="pred_vertices_img"))
-    with pytest.raises(ClipError, match="holds hands only"):
-        read_clip(frankmocap(tmp_path / "hands", [1], key="left_hand"))
-    with pytest.raises(ClipError, match="3 files for 100002 frames by their names"):
-        read_clip(frankmocap(tmp_path / "far", [1, 3, 100_002]))
-    several = frankmocap(tmp_path / "several", [1], name="a_{:05d}")
-    frankmocap(several, [1], name="b_{:05d}")
-    with pytest.raises(ClipError, match="several sequences: a_, b_"):
-        read_clip(several)
-    (two / "00002_prediction_result.pkl").write_bytes(b"cos\nsystem\n(S'touch pwned'\ntR.")
-    with pytest.raises(ClipError, match=r"00002_prediction_result.pkl: refused, .*'os.system'"):
-        read_clip(two)
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(ClipError, match="is a folder, and holds no frames of FrankMocap"):
-        read_clip(tmp_path / "empty")
-
-
-def test_openpose_frames_in_three_dimensions(tmp_path):
-    import json
-
-    joints = np.concatenate([bodies.listed("body25", CAMERA), np.ones((12, 25, 1))], axis=2)
-    for i, row in enumerate(joints):
-        people = [] if i == 4 else [{"pose_keypoints_3d": row.ravel().tolist()}]
-        (tmp_path / f"v_{i:012d}_keypoints.json").write_text(json.dumps({"people": people}))
-    clip = read_clip(tmp_path)
-    assert np.flatnonzero(np.isnan(clip.points).all(axis=(1, 2))).tolist() == [4]
-    assert clip.reading.how[:2] == ("body25", "camera")
-    (tmp_path / "v_000000000003_keypoints.json").write_text("[]")
-    with pytest.raises(ClipError, match='000003_keypoints.json: no list "people" in it'):
-        read_clip(tmp_path)

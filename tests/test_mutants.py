@@ -35,23 +35,33 @@ ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "MKL", "OPENBLAS", 
 SHOWN = 12  # failures of a reader that are printed
 
 
-def sent(name, first, count, folder):
-    """Failures and counts of a reader's mutants, and the most memory it had [bytes]."""
-    command = [sys.executable, str(HERE / "doors.py"), name, str(first), str(count), str(folder)]
+@pytest.fixture(scope="module")
+def doors():
+    """Failures and counts of a reader's mutants, and the most memory it had [bytes], by name."""
     paths = os.pathsep.join([str(HERE.parent), str(HERE)])
     own = {"PYTHONPATH": paths, "POLARS_MAX_THREADS": "1", "MALLOC_ARENA_MAX": "1", **ONE_THREAD}
-    ran = subprocess.run(command, env=os.environ | own, capture_output=True, text=True, check=False)
-    lines = [json.loads(line) for line in ran.stdout.splitlines()]
-    mark = folder / "number"
-    number = struct.unpack("<q", mark.read_bytes())[0] if mark.is_file() else "none"
-    assert ran.returncode == 0, f"{name}: mutant {number} ended its reader: {ran.stderr[-2000:]}"
-    assert ran.stderr == "", f"{name}: something was printed: {ran.stderr[-2000:]}"
-    return lines[:-1], lines[-1]["counts"], lines[-1]["most"]
+    with subprocess.Popen(
+        [sys.executable, str(HERE / "doors.py")], env=os.environ | own, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    ) as served:  # fmt: skip
+
+        def sent(name, first, count, folder):
+            print(json.dumps([name, first, count, str(folder)]), file=served.stdin, flush=True)
+            status = int(served.stdout.readline())
+            said = (folder / "err").read_text()
+            mark = folder / "number"
+            number = struct.unpack("<q", mark.read_bytes())[0] if mark.is_file() else "none"
+            assert status == 0, f"{name}: mutant {number} ended its reader: {said[-2000:]}"
+            assert said == "", f"{name}: something was printed: {said[-2000:]}"
+            lines = [json.loads(line) for line in (folder / "out").read_text().splitlines()]
+            return lines[:-1], lines[-1]["counts"], lines[-1]["most"]
+
+        yield sent
 
 
-def hold(name, count, folder):
+def hold(doors, name, count, folder):
     begin = time.monotonic()
-    wrong, counts, most = sent(name, 0, count, folder)
+    wrong, counts, most = doors(name, 0, count, folder)
     took = f"{time.monotonic() - begin:.1f} s, at most {most / 2**20:.0f} MiB"
     print(f"{name}: {counts}, {took}")
     told = "\n".join(json.dumps(one) for one in wrong[:SHOWN])
@@ -60,16 +70,16 @@ def hold(name, count, folder):
 
 
 @pytest.mark.parametrize("name", DOORS)
-def test_a_broken_file_is_refused_in_one_line_or_read_as_it_stands(tmp_path, name, request):
-    hold(name, request.config.getoption("--mutants"), tmp_path)
+def test_a_broken_file_is_refused_in_one_line_or_read_as_it_stands(tmp_path, name, request, doors):
+    hold(doors, name, request.config.getoption("--mutants"), tmp_path)
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the real clips beside the project")
 @pytest.mark.parametrize("name", REAL)
 def test_a_broken_copy_of_a_real_clip_is_refused_in_one_line_or_read_as_it_stands(
-    tmp_path, name, request
+    tmp_path, name, request, doors
 ):
-    hold(name, request.config.getoption("--mutants") // 3, tmp_path)
+    hold(doors, name, request.config.getoption("--mutants") // 3, tmp_path)
 
 
 # --- the mutants themselves

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from command import run
 from follower import Plain, led_by
 from handmade import amc, asf, bvh, write
-from test_cli import run
 from worlds import coman
 
 from s3le.cli import shell, shown
@@ -375,7 +375,9 @@ def alone(*words):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("model", [False, True], ids=["poses", "model"])
+@pytest.mark.parametrize(
+    "model", [pytest.param(False, marks=pytest.mark.wide), True], ids=["poses", "model"]
+)
 def test_many_processes_write_what_one_writes(clips, tmp_path, model):
     (clips / "lost.bvh").write_text("HIERARCHY\nnonsense")
     more = ["--model", stored.ensure(coman())] if model else []
@@ -394,7 +396,7 @@ def test_many_processes_write_what_one_writes(clips, tmp_path, model):
     assert audited.exit_code == shell.OK and "3 of 3 files hold" in audited.output
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.wide), 2])
 def test_a_kill_leaves_whole_files_and_the_next_run_goes_on(tmp_path, jobs):
     for number in range(10):
         put(tmp_path / "clips", number, frames=150)

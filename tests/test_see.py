@@ -9,21 +9,13 @@ from pathlib import Path
 import browser
 import numpy as np
 import pytest
+from command import ROBOT, run
 from follower import Plain, led_by
 from test_scene import moving, wave
-from typer.testing import CliRunner
 
 from s3le.cli import shell
-from s3le.cli.main import app
 from s3le.human.origin import about_clip
 from s3le.show import motions, pace
-
-ROOT = Path(__file__).parents[1]
-ROBOT = ["--robot", str(ROOT / "s3le" / "robots" / "coman.yaml")]
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.fixture

@@ -10,10 +10,11 @@ from pathlib import Path
 import browser
 import numpy as np
 import pytest
+from command import ROOT
+from filmed import REAL, film
 from handmade import bvh, deepmimic, write
 from streaming import DEFAULT, stored
 from test_bundle import an_index
-from test_video import REAL, ROOT, film
 from worlds import coman
 
 from s3le.cli.main import app
