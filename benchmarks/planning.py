@@ -5,6 +5,7 @@
 CLIPS is a folder of CMU's originals, SS/SS_TT.amc.gz beside SS/SS.asf; the subjects named by
 --subjects are taken. *wanted*: the pose that refinement finds for each frame, no limit in time.
 *file*: all of them planned at once. *stream*: frame by frame, refined from where the robot is.
+*guard*: the poses wanted, as joints, through s3le.Guard step by step, reasons and coal's check included.
 Counted after that, by coal, by the proof, and by differences of the rows: poses under the margin,
 paths not proven, steps too fast, accelerations too high.
 """
@@ -16,6 +17,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import typer
 
+from s3le.guard.guard import Guard
 from s3le.human import dataset
 from s3le.human.read import read_clip
 from s3le.kernels import batch
@@ -76,6 +78,7 @@ def main(
     alone: list[float] = []
     found = [_stream(made, most, settings, clip, alone) for clip in known]
     _say(made, most, "stream", known, found)
+    _say(made, most, "guard", known, [_guard(made, acceleration, clip) for clip in known])
     print(
         f"a stream's step alone, without refinement: {1e3 * np.median(alone):.3f} ms median, "
         f"{1e3 * np.quantile(alone, 0.99):.3f} p99; of a file the time is the plan's alone"
@@ -133,6 +136,17 @@ def _stream(made, most, settings, clip: Clip, alone: list[float] | None = None):
         taken[i] = clock.thread_time() - began
         alone.append(clock.thread_time() - between)
     return q, wanted, taken
+
+
+def _guard(made, acceleration, clip: Clip):
+    guard = Guard(made, acceleration=acceleration)
+    guard.start(clip.wanted[0])
+    q, taken = clip.wanted.copy(), np.zeros(len(clip.x))
+    for i in range(1, len(q)):
+        began = clock.thread_time()
+        q[i] = guard.step(clip.wanted[i], clip.time[i] - clip.time[i - 1]).q
+        taken[i] = clock.thread_time() - began
+    return q, clip.wanted, taken
 
 
 def _say(made, most, name, known, found, judged=True) -> None:

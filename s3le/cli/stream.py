@@ -33,6 +33,17 @@ def stream(
     joints: Annotated[
         bool, typer.Option("--joints", help="Lines of joints alone: no poses are made for a human.")
     ] = False,
+    given: Annotated[
+        str | None,
+        typer.Option(
+            help="Joints that others move: NAME,NAME,...; or all that the robot has beside its "
+            "own. Default: those that the robot file names."
+        ),
+    ] = None,
+    given_speed: Annotated[
+        float | None,
+        typer.Option(help="How fast these may move where a line says nothing else [rad/s]."),
+    ] = None,
 ) -> None:
     """Follow a stream of frames: JSON lines in, one certified pose out for each.
 
@@ -41,6 +52,10 @@ def stream(
     names the joints and the poses or the model, then {"t": s, "q": [rad], "mode": "...",
     "clearance": m}, of joints with "reason" and "certified", for each line in, or {"line": n,
     "error": "..."} where it could not be used; the stream goes on. The robot begins at its anchor.
+
+    Where others move joints, lines hold "given" too, where these are [rad], in the order of the
+    first line or by name; and "given_next", where they will be, or "given_speed", how fast they may
+    move. A step for which they leave no certified way says so: "forced".
 
     \b
     camera | s3le stream --rate 60 > poses.jsonl
@@ -54,9 +69,11 @@ def stream(
 
     with shell.guarded():
         if joints:
-            begin = _of_joints(robot, model, method, rate)
+            begin = _of_joints(robot, model, method, rate, _names(given), given_speed)
         else:
-            begin = _of_a_human(robot, model, method, rate, radians(tilt_max))
+            begin = _of_a_human(
+                robot, model, method, rate, radians(tilt_max), _names(given), given_speed
+            )
         if listen is not None:
             _listen(listen, begin)
             return
@@ -68,8 +85,18 @@ def stream(
         live.serve(begin(), live.lines(sys.stdin.buffer), say)
 
 
+def _names(given: str | None) -> list[str] | str | None:
+    return given if given in (None, "all") else [name.strip() for name in str(given).split(",")]
+
+
 def _of_a_human(
-    robot: str | None, model: Path | None, method: str | None, rate: float, tilt: float
+    robot: str | None,
+    model: Path | None,
+    method: str | None,
+    rate: float,
+    tilt: float,
+    given: list[str] | str | None,
+    speed: float | None,
 ) -> Callable:
     """What begins a stream of either kind."""
     from s3le.guard.guard import Guard
@@ -79,12 +106,22 @@ def _of_a_human(
     typer.echo(line, err=True)
 
     def guard() -> Guard:
-        return Guard(retargeter.robot, speed_factor=retargeter.settings.speed_factor)
+        factor = retargeter.settings.speed_factor
+        return Guard(
+            retargeter.robot, speed_factor=factor, given=given, given_speed=speed
+        )  # fmt: skip
 
-    return lambda: Live(retargeter, rate, tilt, about, guard)
+    return lambda: Live(retargeter, rate, tilt, about, guard, given, speed)
 
 
-def _of_joints(robot: str | None, model: Path | None, method: str | None, rate: float) -> Callable:
+def _of_joints(
+    robot: str | None,
+    model: Path | None,
+    method: str | None,
+    rate: float,
+    given: list[str] | str | None,
+    speed: float | None,
+) -> Callable:
     """What begins a stream of joints; kernels are compiled before the first line."""
     from s3le.guard.guard import Guard
     from s3le.guard.live import LiveJoints
@@ -93,7 +130,7 @@ def _of_joints(robot: str | None, model: Path | None, method: str | None, rate: 
         raise ParameterError("--joints takes no --model and no --method: nobody is looked up")
     made = shell.robot(robot)
     typer.echo(f"robot {made.name} ({made.description.source}), wanted joints", err=True)
-    guard = Guard(made)
+    guard = Guard(made, given=given, given_speed=speed)
 
     def begin() -> LiveJoints:
         guard.start()

@@ -10,12 +10,14 @@ cannot be certified, it brakes because it was stopped, or it stands stopped. A s
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from s3le.errors import ParameterError, StateError
-from s3le.guard import out
+from s3le.guard import given as others
+from s3le.guard import out, stored
+from s3le.guard.answers import Chunk, Kept, Step
+from s3le.guard.given import Given, Told
 from s3le.guard.leaving import Leaving
 from s3le.guard.reasons import BRAKED, LEADING_OUT, STOPPED, Reasons
 from s3le.guard.wanted import Reader, duration
@@ -28,43 +30,7 @@ from s3le.robot.known import MARGIN
 from s3le.robot.robot import Robot
 
 TOLERANCE = 0.1  # [rad], by which a measured joint may be away from where it should be
-_MAY_BE_NAN = ("before", "asked", "pace")  # entries of a state: there was none yet
 SETTINGS = Settings(reserve=0.0005)  # of a guard: what is proven is to hold for other steps too
-
-
-class Step(NamedTuple):
-    """One row."""
-
-    q: np.ndarray  # [rad], (n,), where to be when the step is over
-    v: np.ndarray  # [rad/s], (n,), the speed of the step
-    reason: str  # why it is not what was wanted, see reasons
-    certified: bool  # within all limits, and proven
-    clearance: float  # [m], of the pose, measured by coal
-    bound: float  # [m], proven clearance of the path that leads there; NaN: none is proven
-
-
-class Chunk(NamedTuple):
-    """Rows of a chunk, h of them."""
-
-    q: np.ndarray  # [rad], (h, n)
-    v: np.ndarray  # [rad/s], (h, n)
-    reason: tuple[str, ...]
-    certified: np.ndarray  # bool (h,)
-    clearance: np.ndarray  # [m], (h,)
-    bound: np.ndarray  # [m], (h,)
-
-
-class _Kept(NamedTuple):
-    """All that changes from row to row."""
-
-    walker: State
-    leaving: tuple[np.ndarray, int, float, float] | None  # way, leg, share, rate
-    q: np.ndarray
-    v: np.ndarray
-    came: np.ndarray
-    before: float
-    led_out: int
-    stopped: bool
 
 
 class Guard:
@@ -78,6 +44,8 @@ class Guard:
         speed_factor: float = 1.0,
         settings: Settings | None = None,
         tolerance: float | np.ndarray = TOLERANCE,
+        given: Sequence[str] | str | None = None,
+        given_speed: float | np.ndarray | None = None,
     ) -> None:
         """Put the robot at its anchor; compiles kernels the first time on a machine.
 
@@ -89,8 +57,13 @@ class Guard:
             settings: of planning; None: SETTINGS.
             tolerance: how far a measured joint may be from where it should be, for all joints or
                 one each (n,) [rad].
+            given: joints that others move, k names, or "all" that the robot has beside ours; None:
+                those that the robot file names. Every step is then told of them.
+            given_speed: how fast they may move where a step is told nothing else, one or (k,)
+                [rad/s]; None: each step has to say.
 
         Raises:
+            RobotError: a given joint is none of the robot's, or is ours.
             ParameterError: a number is out of its range.
         """
         self.robot, n = robot, robot.n_dof
@@ -102,37 +75,47 @@ class Guard:
             raise ParameterError(f"tolerance must be a number or {n} numbers [rad]") from None
         if not (self.tolerance > 0.0).all():  # catches NaN
             raise ParameterError(f"tolerance must be above 0 rad, got {tolerance!r}")
-        self._reader, self._certifier = Reader(robot), robot.certifier()
-        self._walker = Walker(robot, self.most, self.settings, q=robot.anchor)
+        self._reader = Reader(robot, robot.joint_names, robot.lower, robot.upper)
+        self._certifier, body = robot.certifier(), others.of(robot, given)
+        self._others = None if body is None else Given(body, self.most, self.settings, given_speed)
+        if self._others:
+            self._walker: Walker = self._others.walker
+        elif given_speed is not None:
+            raise ParameterError("given_speed is said, but no joint of the robot is given")
+        else:
+            self._walker = Walker(robot, self.most, self.settings, q=robot.anchor)
+        self._tag = robot.tag + (f" given={','.join(self.given)}" if self._others else "")
         self._walker.warm_up()
-        self._reasons = Reasons(robot, self.most, self.settings)
+        self._reasons = Reasons(robot, self.most, self.settings, self._walker.bodies)
         self._fresh = self._walker.state()
         self._stand(robot.anchor, self._fresh, None)
 
     @classmethod
     def load(
         cls,
-        given: Path | str,
+        robot: Path | str,
         *,
         margin: float = MARGIN,
         acceleration: float | np.ndarray | None = None,
         speed_factor: float = 1.0,
         settings: Settings | None = None,
         tolerance: float | np.ndarray = TOLERANCE,
+        given: Sequence[str] | str | None = None,
+        given_speed: float | np.ndarray | None = None,
     ) -> "Guard":
         """The guard of a robot by name, robot file or folder; it stands at the anchor.
 
         Args:
-            given, margin: see Robot.load.
-            acceleration, speed_factor, settings, tolerance: see Guard.
+            robot, margin: see Robot.load.
+            acceleration, speed_factor, settings, tolerance, given, given_speed: see Guard.
 
         Raises:
             RobotError, TableError: see Robot.load.
             ParameterError: a number is out of its range.
         """
         return cls(
-            Robot.load(given, margin), acceleration=acceleration, speed_factor=speed_factor,
-            settings=settings, tolerance=tolerance,
+            Robot.load(robot, margin), acceleration=acceleration, speed_factor=speed_factor,
+            settings=settings, tolerance=tolerance, given=given, given_speed=given_speed,
         )  # fmt: skip
 
     @property
@@ -160,18 +143,32 @@ class Guard:
         """Whether a stop is latched."""
         return self._stopped
 
-    def start(self, q: object = None) -> None:
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of the joints that others move."""
+        return self._others.names if self._others else ()
+
+    def start(self, q: object = None, given: object = None) -> None:
         """Begin anew, at rest; a latched stop is released.
 
         Args:
             q: where the robot stands [rad], (n,) or by name; None: at its anchor. A pose that
-                cannot be certified is led out of: the rows to come say so.
+                cannot be certified is led out of: the rows to come say so. Among given joints they
+                are forced until it can.
+            given: where the given joints are [rad], (k,) or by name; None: where the robot file
+                holds them.
 
         Raises:
-            ParameterError: q is no pose of this robot; see wanted.Reader.
+            ParameterError: q or given is no pose of this robot; see wanted.Reader.
             CertificateError: no way leads out of q. Nothing has changed.
         """
         at = self.robot.anchor if q is None else self._reader.pose(q, "the pose of the robot")
+        if self._others:
+            at = np.clip(at, self.most.lower, self.most.upper)
+            clearance = self._others.start(at, given)
+            self._stand(at, self._fresh._replace(q=at, clearance=clearance), None)
+            return
+        others.refuse(given)
         clearance, room = self._certifier.one(at)
         if clearance >= self.robot.margin and room >= 0.0:
             fresh = self._fresh._replace(q=at, clearance=clearance)
@@ -197,7 +194,16 @@ class Guard:
         """Let go of a stop: the next row follows what is wanted again."""
         self._stopped = False
 
-    def step(self, q_wanted: object, dt: float, measured: object = None) -> Step:
+    def step(
+        self,
+        q_wanted: object,
+        dt: float,
+        measured: object = None,
+        *,
+        given: object = None,
+        given_next: object = None,
+        given_speed: object = None,
+    ) -> Step:
         """Where the robot is to be dt later.
 
         Args:
@@ -208,20 +214,32 @@ class Guard:
             measured: where the robot is by its own sensors, as q_wanted; None: not known. It must
                 be within the tolerance of the path that the last row led along, and is used for
                 nothing else: what is certified are the rows themselves.
+            given: where the given joints are [rad], (k,) or by name; None: where they were said to
+                be by now.
+            given_next: where they will be dt later; they move there straight.
+            given_speed: instead of that, how fast they may move, in any way, one or (k,) [rad/s];
+                then `given` is asked for. What is proven holds for all that they may do.
 
         Raises:
-            ParameterError: q_wanted, dt or measured is of the wrong shape or kind, or not finite.
-                Nothing has changed, except that a measured pose that is not finite latches a stop.
+            ParameterError: q_wanted, dt, measured or what is said of given joints is of the wrong
+                shape or kind, or not finite. Nothing has changed, except that a measured pose that
+                is not finite latches a stop.
             StateError: the measured pose is too far from where it should be. A stop is latched; the
                 next row brakes.
         """
         dt = min(duration(dt, SHORTEST), LONGEST)
-        wanted = None
+        wanted, told, note = None, None, ""
         if q_wanted is not None and not self._stopped:
             wanted = self._reader.pose(q_wanted)
+        if self._others:
+            told = self._others.told(given, given_next, given_speed, dt)
+        else:
+            others.refuse(given, given_next, given_speed)
         if measured is not None:
             self._compare(measured)
-        return self._row(wanted, dt)
+        if self._others and told:
+            note = self._others.broken(told)
+        return self._row(wanted, dt, told)._replace(given=note)
 
     def chunk(
         self,
@@ -229,6 +247,10 @@ class Guard:
         dt: float | Sequence[float] | np.ndarray,
         measured: object = None,
         advance: bool | int = False,
+        *,
+        given: object = None,
+        given_next: object = None,
+        given_speed: object = None,
     ) -> Chunk:
         """Several rows from where the robot is, as so many calls of step would give them.
 
@@ -246,16 +268,21 @@ class Guard:
         h = len(rows)
         if np.ndim(dt) not in (0, 1) or (np.ndim(dt) == 1 and np.shape(dt) != (h,)):
             raise ParameterError(f"dt must be one number or {h} [s], got {np.shape(dt)}")
-        given = [dt] * h if np.ndim(dt) == 0 else list(np.asarray(dt))
-        each = [min(duration(one, SHORTEST), LONGEST) for one in given]
+        every = [dt] * h if np.ndim(dt) == 0 else list(np.asarray(dt))
+        each = [min(duration(one, SHORTEST), LONGEST) for one in every]
         if not isinstance(advance, (bool, int, np.integer)) or not 0 <= advance <= h:
             raise ParameterError(f"advance must be true, false or 0 to {h} rows, got {advance!r}")
         driven = h if advance is True else int(advance)
+        told: Sequence[Told | None] = [None] * h
+        if self._others:
+            told = self._others.chunk(given, given_next, given_speed, each)
+        else:
+            others.refuse(given, given_next, given_speed)
         if measured is not None:
             self._compare(measured)
         kept, made = self._keep(), []
-        for row, one in zip(rows, each, strict=True):
-            made.append(self._row(None if self._stopped else row, one))
+        for row, one, said in zip(rows, each, told, strict=True):
+            made.append(self._row(None if self._stopped else row, one, said))
             if len(made) == driven:
                 kept = self._keep()
         self._return(kept)
@@ -287,13 +314,18 @@ class Guard:
                 "step on to brake, then start from where the robot is"
             )
 
-    def _row(self, wanted: np.ndarray | None, dt: float) -> Step:
+    def _row(self, wanted: np.ndarray | None, dt: float, told: Told | None) -> Step:
         if self._leaving is not None:
             return self._lead(self._leaving, dt)
         before = dt if np.isnan(self._before) else self._before
+        if self._others and told:
+            self._others.walker.others(*told)
         made = self._walker.step(wanted, dt)
         v = self._walker.v
-        if wanted is None:
+        if self._others and (why := self._others.reason(made)):
+            reason = why
+            made = made._replace(certified=made.certified and not self._others.walker.apart)
+        elif wanted is None:
             reason = BRAKED if v.any() else STOPPED
         else:
             reason = self._reasons.of(made.how, self._q, self._v, before, dt, wanted, made.q)
@@ -317,16 +349,18 @@ class Guard:
         self._led_out += 1
         return Step(q.copy(), v.copy(), reason, False, clearance, np.nan)
 
-    def _keep(self) -> _Kept:
+    def _keep(self) -> Kept:
         lead = self._leaving
         leaving = None if lead is None else (lead.way, lead.leg, lead.share, lead.rate)
-        return _Kept(
+        return Kept(
             self._walker.state(), leaving, self._q, self._v, self._came, self._before,
-            self._led_out, self._stopped,
+            self._led_out, self._stopped, None if self._others is None else self._others.at,
         )  # fmt: skip
 
-    def _return(self, kept: _Kept) -> None:
+    def _return(self, kept: Kept) -> None:
         self._walker.put(kept.walker)
+        if self._others:
+            self._others.at = kept.others
         self._leaving = None
         if kept.leaving is not None:
             way, leg, share, rate = kept.leaving
@@ -340,12 +374,12 @@ class Guard:
         kept, walker = self._keep(), self._walker.state()
         way, leg, share, rate = kept.leaving or (np.zeros((0, self.robot.n_dof)), 0, 0.0, 0.0)
         found = {
-            "robot": self.robot.tag, "q": kept.q, "v": kept.v, "came": kept.came,
+            "robot": self._tag, "q": kept.q, "v": kept.v, "came": kept.came,
             "before": kept.before, "even": walker.even, "asked": walker.asked,
             "pace": walker.pace, "flag": walker.flag,
             "around": walker.way, "out": way, "leg": leg, "share": share, "rate": rate,
             "led_out": kept.led_out, "stopped": kept.stopped,
-        }  # fmt: skip
+        } | ({"given": kept.others} if kept.others is not None else {})  # fmt: skip
         return {name: np.array(value) for name, value in found.items()}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
@@ -364,22 +398,7 @@ class Guard:
             raise
 
     def _restore(self, state: Mapping[str, np.ndarray]) -> None:
-        n = self.robot.n_dof
-        own = self.state()
-        for name, like in own.items():
-            if name not in state:
-                raise StateError(f"a state lacks '{name}'")
-            given = np.asarray(state[name])
-            shaped = given.shape[1:] if name == "out" else given.shape
-            if given.dtype.kind != like.dtype.kind or shaped != (
-                like.shape[1:] if name == "out" else like.shape
-            ):
-                raise StateError(f"a state's '{name}' is of another kind or shape")
-            if given.dtype.kind == "f" and name not in _MAY_BE_NAN and not np.isfinite(given).all():
-                raise StateError(f"a state's '{name}' is not finite")
-        if str(state["robot"]) != self.robot.tag:
-            raise StateError(f"the state is of {state['robot']!s:.100}, not of {self.robot.tag}")
-        number = {name: np.array(state[name]) for name in own if name != "robot"}
+        number = stored.checked(state, self.state(), self._tag)
         q, v, before = number["q"], number["v"], float(number["before"])
         way, leg = number["out"], int(number["leg"])
         share, rate, led_out = (float(number[name]) for name in ("share", "rate", "led_out"))
@@ -388,6 +407,8 @@ class Guard:
                 q, v, before, np.nan, bool(number["even"]), number["asked"], number["pace"],
                 number["flag"], number["around"],
             )  # fmt: skip
+            if self._others:
+                self._others.at = number["given"]
             self._walker.restore(walker)
             self._leaving = None
         else:
@@ -403,7 +424,7 @@ class Guard:
             self._walker.put(self._fresh)
         self._q, self._v, self._came, self._before = q, v, number["came"], before
         self._led_out, self._stopped = int(led_out), bool(number["stopped"])
-        assert self._q.shape == (n,)
+        assert self._q.shape == (self.robot.n_dof,)
 
 
 def _is_lost(measured: object) -> bool:

@@ -2,9 +2,11 @@
 
 In: {"q": [rad, ...]} in the robot's order, or {"q": {"joint": rad, ...}}, or {"q": null} to brake;
 with "dt" [s] since the last line or "t" [s]; without either the stream's rate holds. Beside it, or
-alone: "measured", where the robot is, as q; "stop": true latches a stop, false releases it. Out:
-{"t", "q", "reason", "certified", "clearance"}, or {"line", "error"}; a refused line moves nothing
-and its time is added to the next one's. Human vectors are for s3le/retarget/live.py.
+alone: "measured", where the robot is, as q; "stop": true latches a stop, false releases it. Where
+others move joints: "given", where these are, and "given_next" [rad] or "given_speed" [rad/s]. Out:
+{"t", "q", "reason", "certified", "clearance"}, with "given" if others did not keep their word; or
+{"line", "error"}; a refused line moves nothing and its time is added to the next one's. Human
+vectors are for s3le/retarget/live.py.
 """
 
 import json
@@ -18,7 +20,8 @@ from s3le.guard.guard import Guard
 
 LONGEST_LINE = 65_536  # [bytes]
 LONGEST_STEP = 3600.0  # [s]
-_KEYS = ("q", "measured", "stop", "dt", "t")
+GIVEN = ("given", "given_next", "given_speed")
+_KEYS = ("q", "measured", "stop", "dt", "t", *GIVEN)
 
 
 def lines(source: BinaryIO) -> Iterator[bytes]:
@@ -136,6 +139,7 @@ class LiveJoints:
                 "robot": guard.robot.name,
                 "robot_hash": guard.robot.digest,
                 "joints": guard.robot.joint_names,
+                **({"given": list(guard.given)} if guard.given else {}),
                 "q": guard.q.tolist(),
                 "units": {"t": "s", "q": "rad", "clearance": "m"},
                 "margin": guard.robot.margin,
@@ -183,12 +187,14 @@ def said_of(guard: Guard, given: Mapping[str, Any], dt: float) -> dict[str, Any]
         raise ParameterError(f"unknown key {wrong[0]!r:.40}; a line of joints has {_KEYS}")
     if "stop" not in given and "q" not in given:
         raise ParameterError('wanted "q": angles [rad], by name or in the order of the joints')
-    made = guard.step(given.get("q"), dt, given.get("measured"))
+    said = {key: given[key] for key in GIVEN if key in given}
+    made = guard.step(given.get("q"), dt, given.get("measured"), **said)
     return {
         "q": made.q.tolist(),
         "reason": made.reason,
         "certified": made.certified,
         "clearance": made.clearance,
+        **({"given": made.given} if made.given else {}),
     }
 
 

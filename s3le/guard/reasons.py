@@ -6,8 +6,9 @@ from s3le.plan import causal, why
 from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings, bounds
 from s3le.plan.steps import HOW
+from s3le.robot.chain import Chain
 from s3le.robot.robot import Robot
-from s3le.safety.swept import swept
+from s3le.safety.swept import Swept, swept
 
 AS_WANTED = "as wanted"
 SLOWED = "slowed by"  # a joint: its speed or its acceleration
@@ -23,9 +24,21 @@ _CODE = {word: code for code, word in HOW.items()}
 class Reasons:
     """Finds the reasons of one robot's rows."""
 
-    def __init__(self, robot: Robot, most: Limits, settings: Settings) -> None:
-        """Take note of the robot's names, and compile what a reason needs."""
-        self._chain, self._balls = robot.chain, swept(robot.chain).balls
+    def __init__(
+        self,
+        robot: Robot,
+        most: Limits,
+        settings: Settings,
+        bodies: tuple[Chain, Swept] | None = None,
+    ) -> None:
+        """Take note of the robot's names, and compile what a reason needs.
+
+        Args:
+            robot, most, settings: of the guard.
+            bodies: what its walker keeps apart, Walker.bodies; None: as the robot has them.
+        """
+        self._chain, moved = bodies or (robot.chain, swept(robot.chain))
+        self._balls = moved.balls
         self._bounds, self._target = bounds(most), float(settings.target)
         self._joints = robot.joint_names
         names = [body.name for body in robot.bodies]

@@ -18,12 +18,19 @@ _HALF = np.pi  # [rad] beyond, and within them as degrees: it is taken for degre
 
 
 class Reader:
-    """Reads the poses of one robot."""
+    """Reads poses of some joints of one robot."""
 
-    def __init__(self, robot: Robot) -> None:
-        """Take note of the joints' names, and of those that the robot holds still."""
-        self.names = robot.joint_names
-        self._lower, self._upper = robot.lower, robot.upper
+    def __init__(
+        self, robot: Robot, names: Sequence[str], lower: np.ndarray, upper: np.ndarray
+    ) -> None:
+        """Take note of the joints' names, and of the robot's others.
+
+        Args:
+            robot: whose joints they are.
+            names: the joints.
+            lower, upper: their limits [rad], (n,).
+        """
+        self.names, self._lower, self._upper = tuple(names), lower, upper
         every = {j.get("name", "") for j in robot.tree.iter("joint") if j.get("type") != "fixed"}
         self.held = frozenset(every - set(self.names))
 

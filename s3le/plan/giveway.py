@@ -8,7 +8,7 @@ which ours could go on longest while they brake. If there is none, the step is f
 leaves bodies farthest apart is made, and is not certified.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +19,12 @@ from s3le.kernels.poses import AGREEMENT
 from s3le.kernels.solver import clearance_of
 from s3le.plan import causal, chase
 from s3le.plan.around import opened
-from s3le.safety.segment import CERTIFIED, prove
+from s3le.plan.limits import Limits
+from s3le.robot.chain import Chain
+from s3le.robot.robot import Robot
+from s3le.safety.segment import CERTIFIED, Scratch, prove
+from s3le.safety.swept import Swept
 from s3le.skeleton import DIM
-
-if TYPE_CHECKING:
-    from s3le.plan.wholebody import BodyPlanner
 
 DRAWN = 1000  # poses that are drawn where nothing else is proven
 _MOST = 20  # of these, those farthest from bodies, that are judged by how long they go on
@@ -35,31 +36,45 @@ _ALONG = 4  # parts of a path at which it is measured where it is not proven
 _EPS = 1e-7  # share of every limit that is not used, so that no rounding exceeds it
 
 
+class Terms(NamedTuple):
+    """Who gives way, among what, and what has to hold."""
+
+    robot: Robot  # of ours
+    most: Limits  # of ours
+    bounds: causal.Bounds  # the same
+    care: causal.Care
+    joints: np.ndarray  # weights of ours, (n, n)
+    own: np.ndarray  # int64 (n,), columns of ours among the joints of the chain
+    chain: Chain  # of all joints that move, N
+    swept: Swept
+    scratch: Scratch
+
+
 class GiveWay:
     """Ours on their way past a place, from one row to the next."""
 
     def __init__(
-        self, planner: "BodyPlanner", times: np.ndarray, whole: np.ndarray, planned: np.ndarray
+        self, terms: Terms, times: np.ndarray, whole: np.ndarray, planned: np.ndarray
     ) -> None:
         """Take note of the motion.
 
         Args:
-            planner: of the robot.
+            terms: see there.
             times: of the rows [s], (m,).
             whole: poses of all joints [rad], (m, N); ours are moved.
             planned: of ours [rad], (m, n), which are followed where that is certified.
         """
-        self.its, self.times, self._whole, self._planned = planner, times, whole, planned
-        self._chain, self._own = planner._chain, planner._own
+        self.its, self.times, self._whole, self._planned = terms, times, whole, planned
+        self._chain, self._own = terms.chain, terms.own
         n = whole.shape[1]
         self._W = np.eye(n)
-        self._W[np.ix_(self._own, self._own)] = planner._joints
+        self._W[np.ix_(self._own, self._own)] = terms.joints
         free = np.full(n, np.inf)
         hardest = free.copy()
-        hardest[self._own] = planner.most.acceleration
+        hardest[self._own] = terms.most.acceleration
         self._bounds = causal.Bounds(-free, free, free, hardest)
-        self._balls = planner._swept.balls
-        self._least = planner._care.margin + AGREEMENT  # [m], of a pose
+        self._balls = terms.swept.balls
+        self._least = terms.care.margin + AGREEMENT  # [m], of a pose
         self._rng = np.random.default_rng(0)
 
     @property
@@ -77,7 +92,7 @@ class GiveWay:
             self._begin()
         same = 0
         for t in range(first + 1, len(self.times)):
-            self._whole[t, self._own] = self._step(t)
+            self._whole[t, self._own] = self.step(t)
             same = same + 1 if (self._whole[t, self._own] == self._planned[t]).all() else 0
             if same >= 2 and t > stop:
                 return t
@@ -89,7 +104,7 @@ class GiveWay:
 
     def _begin(self) -> None:
         """The first row: where it may be, else the nearest pose found that keeps the margin."""
-        pose, own, care = self._whole[0].copy(), self._own, self.its._care
+        pose, own, care = self._whole[0].copy(), self._own, self.its.care
         if clearance_of(self._chain, self._balls, pose) >= care.margin + AGREEMENT:
             return
         low, high, anchor = pose.copy(), pose.copy(), pose.copy()
@@ -105,7 +120,7 @@ class GiveWay:
         off = self._off(tried[:, own], pose[own])
         self._whole[0] = tried[good[off[good].argmin()] if len(good) else int(clear.argmax())]
 
-    def _step(self, t: int) -> np.ndarray:
+    def step(self, t: int) -> np.ndarray:
         """Where ours are at row t [rad], (n,)."""
         box, want = self._box(t), self._planned[t]
         first = [want] if self._allowed(box, want) else []
@@ -155,7 +170,7 @@ class GiveWay:
         last, goal, own = self._whole[t - 1], self._at(t, want[None])[0], self._own
         low, high, v = goal.copy(), goal.copy(), np.zeros(len(goal))
         low[own], high[own], v[own] = box.low, box.high, box.v
-        care = self.its._care
+        care = self.its.care
         care = care._replace(target=care.target + room, steps=max(care.steps, 6))
         to = np.empty(len(goal))
         causal.search(
@@ -172,7 +187,7 @@ class GiveWay:
         ends, d, G = np.empty((len(chain.body_frame), 3, 3)), np.empty(pairs), np.empty((pairs, n))
         place(chain, pose, R, p, z)
         place_capsules(chain, R, p, ends)
-        count = near_pairs(chain, ends, self._balls, p, z, self.its._care.target, d, G)
+        count = near_pairs(chain, ends, self._balls, p, z, self.its.care.target, d, G)
         if not count:
             return want
         along = G[int(d[:count].argmin()), self._own]
@@ -194,11 +209,11 @@ class GiveWay:
             )  # fmt: skip
             low[i], high[i] = here[i] + slow * dt, here[i] + fast * dt
         low, high = (np.clip(end, most.lower, most.upper) for end in (low, high))
-        causal.brake(here, v, mean, dt, self.its._bounds, rest)
+        causal.brake(here, v, mean, dt, self.its.bounds, rest)
         return _Box(here, v, mean, dt, low, high, np.clip(rest, low, high))
 
     def _allowed(self, box: "_Box", to: np.ndarray) -> bool:
-        return bool(causal.within(box.here, box.v, box.mean, box.dt, self.its._bounds, to))
+        return bool(causal.within(box.here, box.v, box.mean, box.dt, self.its.bounds, to))
 
     def _at(self, t: int, q: np.ndarray) -> np.ndarray:
         """Poses of all joints at row t [rad], (c, N), ours as in q (c, n)."""
@@ -210,9 +225,9 @@ class GiveWay:
         return bool(clearance_of(self._chain, self._balls, pose) >= self._least)
 
     def _proven(self, last: np.ndarray, pose: np.ndarray) -> bool:
-        its, care = self.its, self.its._care
+        its, care = self.its, self.its.care
         found = prove(
-            self._chain, its._swept, its._scratch, last, pose, care.between, care.budget
+            self._chain, its.swept, its.scratch, last, pose, care.between, care.budget
         )  # fmt: skip
         return bool(found[0] == CERTIFIED)
 
@@ -223,7 +238,7 @@ class GiveWay:
 
     def _goes_on(self, t: int, q: np.ndarray) -> float:
         """How long ours could brake and hold from there on, all of it certified [s]."""
-        most, own = self.its._bounds, self._own
+        most, own = self.its.bounds, self._own
         last, here, then = self._at(t, q[None])[0], q.copy(), np.empty_like(q)
         before, v = 1e9, np.zeros_like(q)  # before row 0 there was nothing
         if t > 0:
@@ -247,13 +262,13 @@ class GiveWay:
         ends = self._at(t, tried)
         poses = np.concatenate([(1.0 - share) * self._whole[t - 1] + share * to for to in ends])
         clear = batch.clearances(self._chain, poses).reshape(len(tried), _ALONG)
-        kept = np.minimum(clear, self.its._care.target).sum(axis=1)
+        kept = np.minimum(clear, self.its.care.target).sum(axis=1)
         return tried[int((kept - _TIE * self._off(tried, want)).argmax())]
 
     def _off(self, q: np.ndarray, want: np.ndarray) -> np.ndarray:
         """How far poses (c, n) are from one (n,), squared and weighted [rad^2], (c,)."""
         off = q - want
-        return ((off @ self.its._joints) * off).sum(axis=1)
+        return ((off @ self.its.joints) * off).sum(axis=1)
 
 
 class _Box(NamedTuple):

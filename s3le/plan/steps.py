@@ -20,9 +20,10 @@ from s3le.plan.causal import Bounds
 from s3le.plan.limits import SHORTEST, Limits
 from s3le.plan.settings import Settings, bounds
 from s3le.plan.state import LONGEST, State, checked, pose
+from s3le.robot.chain import Chain
 from s3le.robot.robot import Robot
 from s3le.safety import segment
-from s3le.safety.swept import swept
+from s3le.safety.swept import Swept, swept
 from s3le.skeleton import DIM
 
 SLOWEST = "pursue.pursue"  # of the kernels that a step needs, to compile
@@ -57,6 +58,8 @@ class Step(NamedTuple):
 class Walker:
     """One robot in motion, from rest; holds scratch, so one per thread."""
 
+    _words = HOW
+
     def __init__(
         self,
         robot: Robot,
@@ -86,8 +89,9 @@ class Walker:
         self.most = limits.limits(robot) if most is None else most
         n = robot.n_dof
         self._care = self.settings.care(robot)
-        self._bounds, self._swept = bounds(self.most), swept(robot.chain)
-        self._scratch, self._certifier = segment.scratch(robot.chain), robot.certifier()
+        self._bounds = bounds(self.most)
+        self._chain, self._swept = self._bodies()
+        self._scratch = segment.scratch(self._chain)
         joints = weights.of_joints(robot)
         if weight is None:
             weight = weights.STREAM_RIDGE * np.eye(n) if skeleton else joints
@@ -103,10 +107,27 @@ class Walker:
         self._memory = pursue.memory(joints)
         self._none, self._nothing = np.zeros((0, n)), np.empty(0)
         self._q = pose(q, n, "the pose of the robot")
-        report = self._certifier.require(self._q[None], robot.margin)
-        self._clearance = float(report.clearance[0])
+        self._clearance = self._found()
         self._v, self._before, self._even = np.zeros(n), np.nan, True
         self._asked, self._pace = np.full(n, np.nan), np.full(n, np.nan)
+
+    def _bodies(self) -> tuple[Chain, Swept]:
+        """Chain of what has to be kept apart, and how far each body can move."""
+        return self.robot.chain, swept(self.robot.chain)
+
+    @property
+    def bodies(self) -> tuple[Chain, Swept]:
+        """What is kept apart in each step, and how far it can move."""
+        return self._chain, self._swept
+
+    def _found(self) -> float:
+        """Clearance [m] of the pose that the robot is found in.
+
+        Raises:
+            CertificateError: it is not feasible.
+        """
+        self._certifier = self.robot.certifier()
+        return float(self._certifier.require(self._q[None], self.robot.margin).clearance[0])
 
     @property
     def q(self) -> np.ndarray:
@@ -208,19 +229,25 @@ class Walker:
             how = self._direct(wanted, before, dt, near, to, out)
             if self._blocked(wanted, to, dt):  # does not move it, but may find a way around
                 self._pursue(wanted, before, dt, near, starts, np.empty(n), np.zeros(2))
+        how, certified = self._settled(how, before, dt, to, out)
+        if wanted is not None:
+            self._note(wanted, dt)
+        self._v[:] = (to - self._q) / dt
+        self._q[:] = to
+        self._before = dt
+        return Step(self.q, self._words[how], self._clearance, float(out[0]), certified)
+
+    def _settled(
+        self, how: int, before: float, dt: float, to: np.ndarray, out: np.ndarray
+    ) -> tuple[int, bool]:
+        """The step that is made, checked once more; how it came about, and is it certified?"""
         mean, moving = 0.5 * (before + dt), bool(self._v.any())
         if moving if how == causal.HELD else not self._holds(to, mean, dt):
             # Nothing is proven, or the engines disagree: what was proven before is driven.
             how = self._brake(before, dt, to, out)
             if how != causal.HELD and not self._holds(to, mean, dt):
                 how = self._stand(to, out)
-        if wanted is not None:
-            self._note(wanted, dt)
-        certified = how != causal.HELD or not moving
-        self._v[:] = (to - self._q) / dt
-        self._q[:] = to
-        self._before = dt
-        return Step(self.q, HOW[how], self._clearance, float(out[0]), certified)
+        return how, how != causal.HELD or not moving
 
     def _holds(self, to: np.ndarray, mean: float, dt: float) -> bool:
         """Is the step within limits, speed and acceleration, and its pose good?"""
@@ -230,7 +257,7 @@ class Walker:
     def _measured(self, to: np.ndarray) -> bool:
         """Does a pose hold by the independent check, if it is asked? Notes its clearance."""
         if not self.settings.check:
-            self._clearance = float(clearance_of(self.robot.chain, self._swept.balls, to))
+            self._clearance = float(clearance_of(self._chain, self._swept.balls, to))
             return True
         measured, room = self._certifier.one(to)
         if not (measured >= self.robot.margin and room >= 0.0):  # catches NaN
@@ -242,7 +269,7 @@ class Walker:
         mean = 0.5 * (before + dt)
         causal.brake(self._q, self._v, mean, dt, self._bounds, to)
         if causal.safe(
-            self.robot.chain, self._swept, self._scratch, self._q, to, dt, self._bounds,
+            self._chain, self._swept, self._scratch, self._q, to, dt, self._bounds,
             self._care, out,
         ):  # fmt: skip
             return causal.BRAKED
@@ -258,7 +285,7 @@ class Walker:
             w, rest[:] = (then - rest) / dt, then
         for want in (rest, self.robot.anchor, self.q):
             how = causal.advance(
-                self.robot.chain, self._swept, self._scratch, self._q, self._v, before, dt,
+                self._chain, self._swept, self._scratch, self._q, self._v, before, dt,
                 self._ends(dt), self._care, want, self._nothing, self._bone, self._memory.W, to,
                 out,
             )  # fmt: skip
@@ -280,7 +307,7 @@ class Walker:
         return False
 
     def _clear(self, q0: np.ndarray, q1: np.ndarray, out: np.ndarray) -> bool:
-        its = self.robot.chain, self._swept, self._scratch
+        its = self._chain, self._swept, self._scratch
         return bool(causal.clear(*its, q0, q1, self._care, out))
 
     def _ends(self, dt: float) -> Bounds:
@@ -305,7 +332,7 @@ class Walker:
             return False
         to[:] = wanted
         if not causal.safe(
-            self.robot.chain, self._swept, self._scratch, self._q, to, dt, near, self._care, out,
+            self._chain, self._swept, self._scratch, self._q, to, dt, near, self._care, out,
         ):  # fmt: skip
             return False
         self._memory.flag[pursue.MODE] = self._memory.flag[pursue.LEFT] = 0
@@ -322,7 +349,7 @@ class Walker:
         out: np.ndarray,
     ) -> int:
         return pursue.pursue(
-            self.robot.chain, self._swept, self._scratch, self._memory, self._q, self._v, before,
+            self._chain, self._swept, self._scratch, self._memory, self._q, self._v, before,
             dt, near, self._careful(), wanted, self._seen(wanted), self._bone, self._W, starts,
             self.robot.anchor, to, out,
         )  # fmt: skip
@@ -337,7 +364,7 @@ class Walker:
         out: np.ndarray,
     ) -> int:
         return direct.direct(
-            self.robot.chain, self._swept, self._scratch, self._q, self._v, before, dt, near,
+            self._chain, self._swept, self._scratch, self._q, self._v, before, dt, near,
             self._careful(), wanted, self._rate_of(wanted, dt), self._bone, self._W, to, out,
         )  # fmt: skip
 
@@ -385,7 +412,7 @@ class Walker:
             return np.empty(0)
         x = np.empty((1, DIM))
         inside = np.clip(wanted, self.most.lower, self.most.upper)
-        batch._skeletons(self.robot.chain, inside[None], x)
+        batch._skeletons(self._chain, inside[None], x)
         return x[0]
 
 

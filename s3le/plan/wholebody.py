@@ -17,7 +17,7 @@ from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.plan import limits, rounds
 from s3le.plan.around import opened
-from s3le.plan.giveway import GiveWay
+from s3le.plan.giveway import GiveWay, Terms
 from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings
 from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner, _Job, _runs
@@ -54,6 +54,10 @@ class BodyPlanner(Planner):
         super().__init__(body.base, most, settings)
         self.body = body
         self._moves(body.robot, body.own)
+        self.terms = Terms(
+            body.base, self.most, self._bounds, self._care, self._joints, self._own, self._chain,
+            self._swept, self._scratch,
+        )  # fmt: skip
 
     def among(
         self,
@@ -228,7 +232,7 @@ class _BodyJob(_Job):
         for back in _BACK:
             first = max(row - 1 - int(back * self.reach), 0)
             self.q[:] = planned
-            way = GiveWay(self.its, self.times, self.poses().copy(), planned)
+            way = GiveWay(self.its.terms, self.times, self.poses().copy(), planned)
             while first > 0 and not way.stops(first):
                 first -= 1
             last = way.past(first, row)

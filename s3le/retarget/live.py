@@ -2,20 +2,31 @@
 
 In: {"x": [21 numbers]} or {"points": [[x, y, z], ...]} (ten points in metres, z up, ordered or
 keyed as skeleton.POINTS), with "dt" [s] since the last line or "t" [s]; without either the stream's
-rate holds. Out: {"t", "q", "heading", "mode", "clearance"}, or {"line", "error"}; a refused line
+rate holds; of joints that others move as s3le/guard/live.py has it. Out: {"t", "q", "heading",
+"mode", "clearance"}, or {"line", "error"}; a refused line
 moves nothing and its time is added to the next one's. A stream whose first good line has "q",
 wanted joint angles, is one of joints: see s3le/guard/live.py.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from s3le.errors import ClipError, ParameterError, S3leError
 from s3le.guard.guard import Guard
-from s3le.guard.live import LONGEST_LINE, Clock, array, heed, lines, refused, said_of, serve
+from s3le.guard.live import (
+    GIVEN,
+    LONGEST_LINE,
+    Clock,
+    array,
+    heed,
+    lines,
+    refused,
+    said_of,
+    serve,
+)
 from s3le.human import dataset
 from s3le.human.clip import FARTHEST
 from s3le.retarget.stream import Retargeter
@@ -35,6 +46,8 @@ class Live:
         tilt_max: float,
         about: Mapping[str, Any] | None = None,
         guard: Callable[[], Guard] | None = None,
+        given: Sequence[str] | str | None = None,
+        given_speed: object = None,
     ) -> None:
         """Begin a stream at the robot's anchor.
 
@@ -45,17 +58,20 @@ class Live:
             about: further words for the greeting.
             guard: makes what follows a stream of joints, at the anchor too; None: with the robot's
                 own limits.
+            given, given_speed: joints that others move; see Retargeter.start.
 
         Raises:
-            ParameterError: rate is none.
+            ParameterError: rate is none, or what is given makes no sense.
         """
         self._its, self._clock, self._tilt = retargeter, Clock(rate), tilt_max
         self._about, self._number = about or {}, 0
-        self._begin = guard or (lambda: Guard(retargeter.robot))
+        self._begin = guard or (lambda: Guard(retargeter.robot, given=given))
         self._guard: Guard | None = None
         self._human = False  # a frame of a human has been followed
         self._heading = 0.0  # [rad], of the last good line
-        self._stream = retargeter.start(retargeter.robot.anchor, check=True)
+        self._stream = retargeter.start(
+            retargeter.robot.anchor, check=True, given=given, given_speed=given_speed
+        )
 
     def greeting(self) -> str:
         """The first line out: what the others will mean."""
@@ -65,6 +81,7 @@ class Live:
                 "robot": robot.name,
                 "robot_hash": robot.digest,
                 "joints": robot.joint_names,
+                **({"given": list(self._stream.given)} if self._stream.given else {}),
                 "q": robot.anchor.tolist(),
                 "units": {"t": "s", "q": "rad", "heading": "rad", "clearance": "m"},
                 "margin": robot.margin,
@@ -93,7 +110,7 @@ class Live:
 
     def _said(self, given: dict[str, Any], dt: float) -> dict[str, Any]:
         x, heading = self._skeleton(given)
-        made = self._stream.step(x, dt)
+        made = self._stream.step(x, dt, **{key: given[key] for key in GIVEN if key in given})
         self._heading, self._human = heading, True
         return {
             "q": made.q.tolist(),

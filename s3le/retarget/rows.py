@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Mode(StrEnum):
-    """How a row of a retargeted motion was obtained; every row is certified, whatever its mode."""
+    """How a row of a retargeted motion was obtained; all but forced and halted are certified."""
 
     START = "start"  # the first pose; nothing leads to it
     REFINED = "refined"  # the pose wanted, refined towards the human
@@ -20,6 +20,8 @@ class Mode(StrEnum):
     BRAKED = "braked"  # slows down along what was proven before: nothing else could be proven
     HELD = "held"  # stands still: at rest, or no time has passed
     HALTED = "halted"  # had to stand still at once, harder than its accelerations allow
+    GAVE_WAY = "gave_way"  # of a stream among given joints: out of their way, as far as proven
+    FORCED = "forced"  # the given joints left no certified way; nothing is claimed of it
     LEAD_IN = "lead_in"  # on the way from a given pose to the human's first
     DROPPED = "dropped"  # the frame could not be used; towards the one before it
 

@@ -7,13 +7,14 @@ pose or step comes out: where nothing else can be proven, the robot brakes along
 with the step before.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from s3le.errors import ParameterError
+from s3le.guard.given import Given, of, refuse
 from s3le.kernels import batch
 from s3le.kernels.poses import cost_of
 from s3le.plan import steps
@@ -26,8 +27,9 @@ from s3le.retarget.propose import Proposer
 from s3le.retarget.refine import LOOKUP, NOTHING, refine
 from s3le.retarget.rows import Mode, Rows
 from s3le.retarget.settings import Settings
+from s3le.robot.chain import Chain
 from s3le.robot.robot import Robot
-from s3le.safety.swept import swept
+from s3le.safety.swept import Swept, swept
 from s3le.types import Progress
 
 _HOW = {
@@ -36,6 +38,7 @@ _HOW = {
     "around": Mode.DETOUR,
     "braked": Mode.BRAKED,
     "held": Mode.HELD,
+    "gave way": Mode.GAVE_WAY,
 }
 _THERE = 0.01  # mean cosine distance lost, below which a robot has come to where the human is
 
@@ -54,13 +57,24 @@ class Step(NamedTuple):
 class Stream:
     """One robot in motion; of one thread."""
 
-    def __init__(self, retargeter: "Retargeter", q: np.ndarray | None, check: bool) -> None:
+    def __init__(
+        self,
+        retargeter: "Retargeter",
+        q: np.ndarray | None,
+        check: bool,
+        others: Given | None = None,
+    ) -> None:
         """Use Retargeter.start."""
-        self._its, self._check = retargeter, check
+        self._its, self._check, self._others = retargeter, check, others
         self.reset(q)
 
-    def reset(self, q: np.ndarray | None = None) -> None:
-        """Forget everything and start anew, as Retargeter.start does."""
+    def reset(self, q: np.ndarray | None = None, given: object = None) -> None:
+        """Forget everything and start anew, as Retargeter.start does.
+
+        Args:
+            q: see there.
+            given: where the given joints are [rad]; None: where the robot file holds them.
+        """
         its = self._its
         self._want, self._found = np.zeros(its.robot.n_dof), np.zeros(3)
         self._calm, self._leading = Calm(its.settings), q is not None
@@ -68,7 +82,11 @@ class Stream:
         self._walker: Walker | None = None
         if q is not None:
             self._want = _pose(q, its.robot.n_dof)
-            self._walker = its.walker(self._want, self._check)
+            if self._others:
+                self._others.start(self._want, given)
+                self._walker = self._others.walker
+            else:
+                self._walker = its.walker(self._want, self._check)
 
     @property
     def q(self) -> np.ndarray | None:
@@ -76,11 +94,24 @@ class Stream:
         return self._walker.q if self._walker else None
 
     @property
+    def given(self) -> tuple[str, ...]:
+        """Names of the joints that others move."""
+        return self._others.names if self._others else ()
+
+    @property
     def wanted(self) -> np.ndarray:
         """The pose wanted for the last frame, whatever limits in time [rad], (n_dof,)."""
         return self._want.copy()
 
-    def step(self, x: np.ndarray | None, dt: float) -> Step:
+    def step(
+        self,
+        x: np.ndarray | None,
+        dt: float,
+        *,
+        given: object = None,
+        given_next: object = None,
+        given_speed: object = None,
+    ) -> Step:
         """Take one frame and say where the robot is to be dt later.
 
         Args:
@@ -90,6 +121,7 @@ class Stream:
             dt: time since the frame before [s]. Where it is not finite or below 1e-6 s no time
                 has passed: the robot holds, and the frame is not looked at. The first pose of a
                 stream without a given one does not depend on it.
+            given, given_next, given_speed: of the joints that others move; see Guard.step.
 
         Raises:
             ParameterError: x has another shape or holds no numbers, or there is neither a usable
@@ -101,6 +133,12 @@ class Stream:
             dt = float(dt)
         except (TypeError, ValueError, OverflowError):
             raise ParameterError(f"dt must be a number, got {dt!r}") from None
+        if self._others:
+            told = self._others.told(given, given_next, given_speed, dt)
+            self._others.walker.others(*told)
+            self._others.walker.see()
+        else:
+            refuse(given, given_next, given_speed)
         if walker and not dt >= SHORTEST:  # catches NaN
             return _still(walker.step(None, dt), Mode.HELD)
         if usable is not None:
@@ -113,12 +151,17 @@ class Stream:
         starts = its.propose(self._x)
         last = self._want.copy()
         here = walker.q if walker else last
-        found = its.refine(self._x, starts, last, here, walker is not None, self._want, self._found)
+        found = its.refine(
+            self._x, starts, last, here, walker is not None, self._want, self._found,
+            self._others.walker.bodies if self._others else None,
+        )  # fmt: skip
         if walker:
             made = walker.step(self._want, dt, starts)
             mode = _HOW.get(made.how, Mode.LOOKUP if found == LOOKUP else Mode.REFINED)
             if not made.certified:
-                mode = Mode.HALTED
+                mode = Mode.FORCED if self._others else Mode.HALTED
+            elif self._others and self._others.walker.apart:
+                mode = Mode.FORCED
             return self._answer(self._x, made.q, mode, made.clearance, made.bound, usable is None)
         if found == NOTHING:
             self._want[:] = its.robot.anchor
@@ -141,9 +184,9 @@ class Stream:
         if self._leading and (mode in (Mode.REFINED, Mode.LOOKUP) or far - wanted < _THERE):
             self._leading = False
         if mode is not Mode.HALTED:
-            if dropped:
+            if dropped and mode is not Mode.FORCED:
                 mode = Mode.DROPPED
-            elif self._leading:
+            elif self._leading and mode is not Mode.FORCED:
                 mode = Mode.LEAD_IN
         return Step(q, mode, clearance, bound, far, wanted)
 
@@ -163,7 +206,8 @@ class Retargeter:
         self.robot, self.settings = robot, settings
         self.rule, self.most = settings.rule(robot), settings.limits(robot)
         self.speed = self.most.speed  # [rad/s], (n_dof,)
-        self._balls, self._proposer, self._warm = swept(robot.chain).balls, proposer, False
+        self._bodies, self._proposer = (robot.chain, swept(robot.chain)), proposer
+        self._warm = False
 
     @classmethod
     def load(
@@ -218,11 +262,14 @@ class Retargeter:
         warm: bool,
         want: np.ndarray,
         out: np.ndarray,
+        bodies: tuple[Chain, Swept] | None = None,
     ) -> int:
-        """The feasible pose nearest to a skeleton, into want; see refine.refine."""
-        return refine(
-            self.robot.chain, self._balls, x, starts, last, here, warm, self.rule, want, out
-        )
+        """The feasible pose nearest to a skeleton, into want; see refine.refine.
+
+        Bodies are Walker.bodies; None: the robot's own.
+        """
+        chain, moved = bodies or self._bodies
+        return refine(chain, moved.balls, x, starts, last, here, warm, self.rule, want, out)
 
     def far(self, q: np.ndarray, x: np.ndarray) -> float:
         """Mean cosine distance of a pose's skeleton to x (21,)."""
@@ -262,7 +309,13 @@ class Retargeter:
         """
         return planned(self, x, dt, start, progress)
 
-    def start(self, q: np.ndarray | None = None, check: bool | None = None) -> Stream:
+    def start(
+        self,
+        q: np.ndarray | None = None,
+        check: bool | None = None,
+        given: Sequence[str] | str | None = None,
+        given_speed: object = None,
+    ) -> Stream:
         """A new stream, ready for its first frame; the first one waits for warm_up.
 
         Args:
@@ -271,14 +324,24 @@ class Retargeter:
                 caller's business.
             check: whether each pose is checked independently before it counts; None: as the
                 settings say.
+            given, given_speed: joints that others move, see Guard; the robot then begins at q or
+                its anchor, and every step is told of them.
 
         Raises:
             CertificateError: q is not feasible.
-            ParameterError: q has another shape.
+            ParameterError: q has another shape, or what is given makes no sense.
+            RobotError: a given joint is none of the robot's, or is ours.
         """
+        check = self.settings.check if check is None else check
         if not self._warm:
             self.warm_up()
-        return Stream(self, q, self.settings.check if check is None else check)
+        body = of(self.robot, given)
+        if body is None:
+            refuse(given_speed)
+            return Stream(self, q, check)
+        others = Given(body, self.most, self.settings.planning(check), given_speed, skeleton=True)
+        others.walker.warm_up()
+        return Stream(self, self.robot.anchor if q is None else q, check, others)
 
 
 def _still(made: steps.Step, mode: Mode) -> Step:

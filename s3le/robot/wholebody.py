@@ -59,6 +59,17 @@ def with_joints(robot: Robot, names: Sequence[str]) -> Robot:
     return replace(made, pairs=tuple(decided))
 
 
+def movable(robot: Robot) -> tuple[str, ...]:
+    """Joints of the robot's URDF that others could move: revolute, not ours, of no other's turn."""
+    return tuple(
+        name
+        for joint in robot.tree.findall("joint")
+        if (name := joint.get("name", "")) not in robot.joint_names
+        and joint.get("type") == "revolute"
+        and joint.find("mimic") is None
+    )
+
+
 def _neighbours(robot: Robot) -> set[frozenset[str]]:
     """Pairs of links between which no other body lies, whatever joints are held still here."""
     above: dict[str, tuple[str, bool]] = {}  # link -> the one before it, and whether rigidly so
