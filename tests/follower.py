@@ -40,7 +40,9 @@ class Plain:
         self.speed = self.most.speed
         self._q = None
 
-    def start(self, q=None, check=None):
+    given = ()
+
+    def start(self, q=None, check=None, given=None, given_speed=None):
         self._q = None if q is None else np.array(q, float)
         return self
 

@@ -7,6 +7,7 @@ from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings, bounds
 from s3le.plan.steps import HOW
 from s3le.robot.chain import Chain
+from s3le.robot.ranges import origin
 from s3le.robot.robot import Robot
 from s3le.safety.swept import Swept, swept
 
@@ -41,7 +42,7 @@ class Reasons:
         self._balls = moved.balls
         self._bounds, self._target = bounds(most), float(settings.target)
         self._joints = robot.joint_names
-        names = [body.name for body in robot.bodies]
+        names = [origin(body.name) for body in robot.bodies]
         self._pairs = [f"{names[a]} against {names[b]}" for a, b in robot.watched]
         q, still = robot.anchor, np.zeros(robot.n_dof)
         self.of("limited", q, still, 0.02, 0.02, q + 9.0, q)

@@ -8,6 +8,7 @@ import numpy as np
 
 from s3le.kernels import batch
 from s3le.robot import hulls, pairs, sense
+from s3le.robot.ranges import PART, origin
 from s3le.robot.robot import Robot
 from s3le.safety import covered
 from s3le.skeleton import BONES
@@ -74,6 +75,31 @@ def survey(robot: Robot, poses: int) -> Survey:
     )  # fmt: skip
 
 
+def _given(robot: Robot) -> list[str]:
+    """Joints that others move, and by how much what bodies sweep is thicker than these."""
+    text, out = robot.description, []
+    if text.given:
+        out.append(f"given, in motions that say how: {', '.join(text.given)}")
+    if not text.ranges:
+        return out
+    out.append("given, anywhere in [deg]:")
+    for name, ends in text.ranges.items():
+        low, high = np.degrees(ends)
+        out.append(f"  {name:<28} {low:8.1f} to {high:7.1f}")
+    parts: dict[str, list[float]] = {}
+    for body in robot.bodies:
+        if PART in body.name:
+            parts.setdefault(origin(body.name), []).append(body.radius)
+    plain = {body.name: body.radius for body in robot.without_ranges(text.ranges).bodies}
+    out.append("bodies that contain what these sweep:")
+    for name, radii in parts.items():
+        out.append(
+            f"  {name:<28} {len(radii)} of {min(radii) * 1e3:.0f} to {max(radii) * 1e3:.0f} mm, "
+            f"itself {plain[name] * 1e3:.0f} mm"
+        )
+    return out
+
+
 def lines(robot: Robot, found: Survey, every: bool) -> list[str]:
     """The report as text.
 
@@ -91,6 +117,7 @@ def lines(robot: Robot, found: Survey, every: bool) -> list[str]:
         out.append(f"  {joint.name:<28} {about}")
         if not 0.0 < joint.velocity < np.inf:
             out.append("      look: this is no speed limit; give one under velocity")
+    out += _given(robot)
     out.append(
         f"vectors: {len(found.turning)} of {len(BONES)} are followed"
         + ("" if len(found.turning) == len(BONES) else f": {', '.join(found.turning)}")

@@ -67,6 +67,7 @@ class Description:
     acceleration: dict[str, float]  # joint -> limit [rad/s^2]; not named: the default's
     pair_inflation: float  # [-]
     given: tuple[str, ...]  # joints that others move, in motions that say how; or ALL
+    ranges: dict[str, tuple[float, float]]  # joints that others move in these ranges [rad], any way
     files: dict[str, bytes] = field(repr=False)  # robot, urdf, srdf, hulls: as they were read
 
 
@@ -150,6 +151,7 @@ def read_description(path: Path, held: Mapping[str, bytes] | None = None) -> Des
         acceleration=_accelerations(path, tree["acceleration"], list(map(str, joints))),
         pair_inflation=_number(path, "pair_inflation", tree["pair_inflation"], 1.0, 10.0),
         given=_given(path, tree["given"], list(map(str, joints))),
+        ranges=_ranges(path, tree["given"]),
         files={"robot": own}
         | {
             key: held[file.name] if held is not None else _bytes(file, LARGEST)
@@ -217,16 +219,35 @@ def _limits(path: Path, key: str, value: Any, most: float) -> dict[str, float]:
 
 
 def _given(path: Path, value: Any, joints: list[str]) -> tuple[str, ...]:
-    """Joints that others move."""
+    """Joints that others move, in motions that say how."""
     if value == ALL:
         return (ALL,)
+    if isinstance(value, dict):
+        if both := [name for name in map(str, value) if name in joints]:
+            raise RobotError(f"{path}: '{both[0]}' is both decided here (joints) and given (given)")
+        return ()
     if not isinstance(value, list) or len(set(map(str, value))) != len(value):
         raise RobotError(
-            f"{path}: given must be a list of different joint names, or {ALL}, got {value!r}"
+            f"{path}: given must be a list of different joint names, {ALL}, or a mapping of "
+            f"names to ranges [rad], got {value!r}"
         )
     if both := [name for name in map(str, value) if name in joints]:
         raise RobotError(f"{path}: '{both[0]}' is both decided here (joints) and given (given)")
     return tuple(map(str, value))
+
+
+def _ranges(path: Path, value: Any) -> dict[str, tuple[float, float]]:
+    """Ranges of joints that others move in a way that nobody says."""
+    found = {}
+    for name, ends in value.items() if isinstance(value, dict) else ():
+        key = f"given.{name}"
+        if not isinstance(ends, list) or len(ends) != 2:
+            raise RobotError(f"{path}: {key} must be two angles [low, high] [rad], got {ends!r}")
+        low, high = (_number(path, key, end, -WIDEST, WIDEST) for end in ends)
+        if not low <= high:
+            raise RobotError(f"{path}: {key} must be [low, high], got {ends!r}")
+        found[str(name)] = low, high
+    return found
 
 
 def _accelerations(path: Path, value: Any, joints: list[str]) -> dict[str, float]:

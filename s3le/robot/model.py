@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.robot import srdf, urdf
+from s3le.robot import ranges, srdf, urdf
 from s3le.robot.description import (
     ALL,
     ARMS,
@@ -133,7 +133,7 @@ def load(path: Path) -> Geometry:
 def from_description(text: Description) -> Geometry:
     """Build what a checked robot file describes (see load)."""
     tree = urdf.elements(text.urdf, text.files["urdf"])
-    model, geometry = _reduced(text)
+    model, geometry, names = _reduced(text)
     where = str(text.urdf)
     data = model.createData()
     home = pin.neutral(model)
@@ -146,18 +146,18 @@ def from_description(text: Description) -> Geometry:
             raise RobotError(f"{text.source}: {key} names '{wrong[0]}', which does not move")
     points = {role: _point(model, place, role, where) for role, place in text.points.items()}
     bodies = tuple(_body(model, item, where) for item in geometry.geometryObjects)
-    urdf.refuse_lost_geometry(where, tree, [item.name for item in geometry.geometryObjects])
+    urdf.refuse_lost_geometry(where, tree, names)
     if not bodies:
         raise RobotError(
             f"{where}: no collision geometry, so nothing could be checked; s3le robot new puts "
             "capsules around meshes"
         )
     anchor = np.zeros(len(joints))
-    names = [joint.name for joint in joints]
+    moving = [joint.name for joint in joints]
     for name, angle in text.anchor.items():
-        if name not in names:
+        if name not in moving:
             raise RobotError(f"{text.source}: anchor names '{name}', which does not move")
-        anchor[names.index(name)] = angle
+        anchor[moving.index(name)] = angle
     for joint, angle in zip(joints, anchor, strict=True):
         if not joint.lower <= angle <= joint.upper:
             raise RobotError(
@@ -181,8 +181,8 @@ def from_description(text: Description) -> Geometry:
     return replace(found, digest=_digest(found))
 
 
-def _reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
-    """The URDF's pinocchio model with every joint locked but the moving ones.
+def _reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel, list[str]]:
+    """The URDF's pinocchio model with every joint locked but the moving ones, and its shapes.
 
     Raises:
         RobotError: the URDF does not parse, or a joint named in the robot file is not in it.
@@ -202,6 +202,7 @@ def _reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
     named_by_others = tuple(name for name in text.given if name != ALL)
     for key, wanted in (
         ("joints", text.joints), ("hold", text.hold), ("given", named_by_others),
+        ("given", tuple(text.ranges)),
     ):  # fmt: skip
         for name in wanted:
             if name not in named:
@@ -225,8 +226,13 @@ def _reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel]:
                 f"{text.source}: hold of {name} is {angle:.4f}, outside its range "
                 f"[{low:.4f}, {high:.4f}]"
             )
+    names = [item.name for item in geometry.geometryObjects]
+    if text.ranges:
+        bodies = [_body(model, item, str(text.urdf)) for item in geometry.geometryObjects]
+        capsules = [ranges.Capsule(body.a, body.b, body.radius) for body in bodies]
+        geometry = ranges.sweep(text, model, geometry, capsules, still)
     locked = [j for j in range(1, model.njoints) if model.names[j] not in text.joints]
-    return pin.buildReducedModel(model, geometry, locked, still)
+    return *pin.buildReducedModel(model, geometry, locked, still), names
 
 
 def _joint(model: pin.Model, index: int, where: str, text: Description) -> Joint:

@@ -6,6 +6,7 @@ move relative to each other are not watched either, nor are pairs of links that 
 where the robot file names one. Every pair is listed with its reason.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import coal
@@ -14,6 +15,7 @@ import numpy as np
 from s3le.errors import RobotError
 from s3le.robot.certificate import placements
 from s3le.robot.model import Geometry
+from s3le.robot.ranges import origin
 
 WATCHED = "watched"
 FIXED = "cannot move relative to each other"
@@ -86,6 +88,35 @@ def all_pairs(robot: Geometry) -> list[Pair]:
         file = robot.description.source
         raise RobotError(f"{file}: no pair of bodies is left to watch at this anchor")
     return pairs
+
+
+def alike(
+    robot: Geometry, made: Sequence[Pair], plain: Geometry, known: Sequence[Pair], margin: float
+) -> tuple[Pair, ...]:
+    """The pairs of a robot of which some bodies are what they sweep, decided as for the bodies.
+
+    Args:
+        robot, made: the robot and its pairs.
+        plain, known: the same robot whose joints stand where they are held, and its pairs.
+        margin: clearance that is kept [m].
+
+    Raises:
+        RobotError: what a body sweeps comes too near to another one at the anchor.
+    """
+    names = [body.name for body in plain.bodies]
+    reasons = {frozenset((names[pair.a], names[pair.b])): pair.reason for pair in known}
+    decided = []
+    for pair in made:
+        two = [origin(robot.bodies[body].name) for body in (pair.a, pair.b)]
+        reason = FIXED if two[0] == two[1] else reasons[frozenset(two)]
+        if reason == WATCHED and not pair.clearance >= margin:
+            raise RobotError(
+                f"{robot.description.source}: at the anchor {two[0]} and {two[1]} are "
+                f"{pair.clearance * 1e3:.2f} mm apart somewhere in the ranges of given joints, the "
+                f"margin is {margin * 1e3:g} mm; give narrower ranges or another anchor"
+            )
+        decided.append(pair._replace(reason=reason))
+    return tuple(decided)
 
 
 def anchor_collision(robot: Geometry, pairs: list[Pair]) -> Pair | None:

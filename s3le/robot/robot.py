@@ -7,6 +7,7 @@ margin. Whoever checks a pose checks this robot, not a file that may since have 
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
+from dataclasses import replace as replaced
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from s3le.robot.certificate import Certifier, point_positions
 from s3le.robot.description import read_description
 from s3le.robot.known import MARGIN, NECK
 from s3le.robot.model import Geometry
+from s3le.robot.ranges import origin
 from s3le.robot.table import ROBOT_PAIRS
 from s3le.skeleton import (
     ABSENT,
@@ -129,7 +131,12 @@ class Robot(Geometry):
             if there and not length > SHORTEST_BONE:
                 raise RobotError(f"{file}: its points leave no length for {bone}")
         own = {field.name: getattr(found, field.name) for field in fields(found)}
-        robot = cls(**own, pairs=tuple(pairs.all_pairs(found)), margin=margin, neck=neck)
+        decided = tuple(pairs.all_pairs(found))
+        if found.description.ranges:
+            plain = replaced(found.description, ranges={})
+            alike = cls._settled(model.from_description(plain), file, margin, neck)
+            decided = pairs.alike(found, decided, alike, alike.pairs, margin)
+        robot = cls(**own, pairs=decided, margin=margin, neck=neck)
         if hit := pairs.anchor_collision(robot, list(robot.pairs)):
             raise RobotError(
                 f"{file}: at the anchor {robot.bodies[hit.a].name} and "
@@ -144,6 +151,15 @@ class Robot(Geometry):
                 "give another anchor or a smaller margin"
             )
         return robot
+
+    def without_ranges(self, names: Iterable[str]) -> "Robot":
+        """The same robot, of whose ranges some are left out: a motion says what these joints do."""
+        text = self.description
+        kept = {name: ends for name, ends in text.ranges.items() if name not in set(names)}
+        if kept == text.ranges:
+            return self
+        found = model.from_description(replaced(text, ranges=kept))
+        return self._settled(found, text.source, self.margin, self.neck)
 
     def write(self, folder: Path) -> None:
         """Write the folder that `read` takes: robot file, URDF, settings and the list of pairs."""
@@ -244,11 +260,13 @@ class Robot(Geometry):
 
     def unwatched(self) -> list[tuple[str, str, str, str]]:
         """Pairs that could move but are not watched: both bodies, what they are, and why."""
-        return [
-            (self.bodies[pair.a].name, self.bodies[pair.b].name, pair.kind, pair.reason)
+        names = [origin(body.name) for body in self.bodies]
+        found = [
+            (names[pair.a], names[pair.b], pair.kind, pair.reason)
             for pair in self.pairs
             if pair.reason not in (pairs.WATCHED, pairs.FIXED)
         ]
+        return list(dict.fromkeys(found))
 
     def certifier(self) -> Certifier:
         """A fresh independent checker (one per thread)."""
@@ -256,7 +274,7 @@ class Robot(Geometry):
 
     def pair_name(self, row: int) -> str:
         """The two bodies of a watched pair."""
-        return " and ".join(self.bodies[body].name for body in self.watched[row])
+        return " and ".join(origin(self.bodies[body].name) for body in self.watched[row])
 
 
 def bones_of(robot: Geometry, at: dict[str, np.ndarray], neck: str) -> np.ndarray:

@@ -34,6 +34,7 @@ def with_joints(robot: Robot, names: Sequence[str]) -> Robot:
         RobotError: a name is no such joint, or is among the robot's already; or at the anchor,
             these joints where the robot file holds them, the margin is not kept.
     """
+    robot = robot.without_ranges(names)
     text = robot.description
     for name in names:
         if name in robot.joint_names:
@@ -136,6 +137,7 @@ def whole_body(robot: Robot, given: Sequence[str]) -> WholeBody:
     Raises:
         RobotError: see with_joints.
     """
+    robot = robot.without_ranges(given)
     wider = with_joints(robot, given)
     names = wider.joint_names
     own = np.array([names.index(name) for name in robot.joint_names], np.int64)

@@ -204,23 +204,29 @@ def certificate(robot: Robot, wanted: Demands, report: Report) -> dict[str, Any]
             name: _number(float(limit))
             for name, limit in zip(robot.joint_names, wanted.acceleration, strict=True)
         }
-    return hardest | {
-        "robot": robot.name,
-        "robot_hash": robot.digest,
-        "poses": {"checked": report.rows, "by": "coal", "least_clearance_m": report.least},
-        "paths": {"proven": max(report.rows - 1, 0), "bound_m": _number(report.bound)},
-        "margin_m": wanted.margin,
-        "margin_between_m": wanted.margin_between,
-        "velocity_rad_s": {
-            name: _number(limit)
-            for name, limit in zip(robot.joint_names, wanted.velocity, strict=True)
-        },
-        "covers": "watched pairs of the modelled capsules on straight joint paths; "
-        "no dynamics, no tracking error",
-        "not_covered": not_covered(robot),
-        "not_covered_links": covered.tree(robot),
-        "holds": report.holds,
-    }
+    ranges = robot.description.ranges
+    told = {"given_ranges_rad": {name: list(ends) for name, ends in ranges.items()}}
+    return (
+        hardest
+        | (told if ranges else {})
+        | {
+            "robot": robot.name,
+            "robot_hash": robot.digest,
+            "poses": {"checked": report.rows, "by": "coal", "least_clearance_m": report.least},
+            "paths": {"proven": max(report.rows - 1, 0), "bound_m": _number(report.bound)},
+            "margin_m": wanted.margin,
+            "margin_between_m": wanted.margin_between,
+            "velocity_rad_s": {
+                name: _number(limit)
+                for name, limit in zip(robot.joint_names, wanted.velocity, strict=True)
+            },
+            "covers": "watched pairs of the modelled capsules on straight joint paths; "
+            "no dynamics, no tracking error",
+            "not_covered": not_covered(robot),
+            "not_covered_links": covered.tree(robot),
+            "holds": report.holds,
+        }
+    )
 
 
 def not_covered(robot: Robot) -> list[dict[str, str]]:
