@@ -5,7 +5,7 @@
 CLIPS is a folder of CMU's originals, SS/SS_TT.amc.gz beside SS/SS.asf; the subjects named by
 --subjects are taken. *wanted*: the pose that refinement finds for each frame, no limit in time.
 *file*: all of them planned at once. *stream*: frame by frame, refined from where the robot is.
-*guard*: the poses wanted, as joints, through s3le.Guard step by step, reasons and coal's check included.
+*guard*: the poses wanted, as joints, through s3le.Guard, reasons and coal's check included.
 Counted after that, by coal, by the proof, and by differences of the rows: poses under the margin,
 paths not proven, steps too fast, accelerations too high.
 """

@@ -13,7 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from s3le.robot.model import containing_capsule_of_box
+from s3le.robot.model import containing_capsule_of_box, containing_capsule_of_cylinder
 from s3le.robot.robot import Robot
 
 try:
@@ -163,7 +163,7 @@ def capsule_of(item: pin.GeometryObject) -> tuple[pin.SE3, coal.Capsule]:
     """The capsule that contains a geometry, and where it is [m].
 
     Raises:
-        TypeError: it is neither a capsule nor a box.
+        TypeError: it is another shape.
     """
     at, shape = item.placement, item.geometry
     turn = np.array(at.rotation)
@@ -171,6 +171,14 @@ def capsule_of(item: pin.GeometryObject) -> tuple[pin.SE3, coal.Capsule]:
         half, radius, axis = containing_capsule_of_box(np.array(shape.halfSide))
         turn = turn @ np.roll(np.eye(3), 2 - int(np.argmax(axis)), axis=1)  # its z along the axis
         shape = coal.Capsule(radius, 2.0 * half)
+    elif isinstance(shape, coal.Sphere):
+        shape = coal.Capsule(shape.radius, 0.0)
+    elif isinstance(shape, coal.Cylinder):
+        half, radius = containing_capsule_of_cylinder(shape.radius, shape.halfLength)
+        shape = coal.Capsule(radius, 2.0 * half)
     elif not isinstance(shape, coal.Capsule):
-        raise TypeError(f"{item.name} is a {type(shape).__name__}; judged are capsules and boxes")
+        raise TypeError(
+            f"{item.name} is a {type(shape).__name__}; judged are capsules, spheres, cylinders "
+            "and boxes"
+        )
     return pin.SE3(turn, np.array(at.translation)), shape

@@ -73,7 +73,7 @@ class Amid(Walker):
         self._pose = body.robot.anchor.copy()
         # Corners of their bounds at which a pose is measured by coal: every other joint at one end.
         self._signs = np.where(np.arange(k)[None] % 2 == np.arange(2)[:, None], 1.0, -1.0)
-        self.nearest = ""  # the two bodies that were nearest at the pose measured last
+        self._near = -1  # row of the pair that was nearest at the pose measured last
         self._bound = np.nan
         self._wanted: np.ndarray | None = None
         self._rest: tuple | None = None
@@ -236,9 +236,13 @@ class Amid(Walker):
     def measure(self, q: np.ndarray, given: np.ndarray) -> float:
         """Clearance by coal [m], ours at q and the others where they are; notes the pair."""
         found = self._coal.one(self._with(q, given))[0]
-        row = self._coal.nearest
-        self.nearest = self.body.robot.pair_name(row) if row >= 0 else ""
+        self._near = self._coal.nearest
         return found
+
+    @property
+    def nearest(self) -> str:
+        """The two bodies that were nearest at the pose measured last."""
+        return self.body.robot.pair_name(self._near) if self._near >= 0 else ""
 
     def _with(self, q: np.ndarray, given: np.ndarray) -> np.ndarray:
         self._pose[self.body.own], self._pose[self.body.others] = q, given
