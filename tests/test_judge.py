@@ -20,6 +20,7 @@ from s3le.safety.paths import CERTIFIED, certify
 ROOT = Path(__file__).parents[1]
 NAMES = (
     "engines", "continuous", "judging", "streams", "plans", "joints", "shards", "hunt", "run",
+    "among",
 )  # fmt: skip
 STEPS, STEPS_BY_MUJOCO, STEPS_BY_HPP, STEPS_UNGUARDED = 5000, 500, 1000, 250
 SAME = 1e-9  # [m], two engines on the same capsules
@@ -534,3 +535,20 @@ def test_without_a_retargeter_it_says_what_to_run(rooms, tmp_path):
     assert str(end.value) == (
         f"make judge: {tmp_path / 'none'} is missing; write it with: dvc repro export"
     )
+
+
+@pytest.mark.parametrize("kind", ["known", "bounded", "ranges"])
+def test_no_step_among_given_joints_breaks_a_promise(rooms, kind, monkeypatch):
+    monkeypatch.setattr(rooms.among, "STEPS", 150)
+    made = rooms.among.shard("g1", 1, rooms.among.KINDS.index(kind))
+    assert (made["kind"], made["steps"], made["broken"]) == (kind, 150, {})
+    assert made["forced"] < 50 and made["least_between_m"] >= 0.0005 - SAME
+
+
+def test_a_guard_that_does_not_look_at_the_others_is_found_out(rooms, monkeypatch):
+    monkeypatch.setattr(rooms.among, "STEPS", 300)
+    every = rooms.among.parts("g1")[2]
+    monkeypatch.setattr(every._walker, "_holds", lambda *_: True)
+    monkeypatch.setattr(every._walker, "see", lambda: None)
+    made = rooms.among.shard("g1", 1, 0)
+    assert made["broken"] and made["held_broken"]

@@ -1,6 +1,6 @@
 """Streams among joints that others move, before the independent judge; and without their word.
 
-    python benchmarks/judge/given.py [--robot g1] [--steps 1000000] [--workers 2]
+    python benchmarks/judge/among.py [--robot g1] [--steps 1000000] [--workers 2]
 
 Three kinds of shards. *known*: others move straight to where they said they would be. *bounded*:
 they said how fast they may move, and go any way within that, corners and back. *ranges*: nothing is
@@ -221,7 +221,7 @@ def main(
     """Judge; exit status 1 if a promise is broken."""
     digest = hashlib.sha256(f"{robot} {seed} {STEPS}".encode())
     for path in sorted([*closure("s3le.guard.guard"), *(HERE / name for name in (
-        "given.py", "engines.py", "judging.py"))]):  # fmt: skip
+        "among.py", "engines.py", "judging.py"))]):  # fmt: skip
         digest.update(path.read_bytes())
     digest.update(Robot.load(robot).tag.encode())
     shelf = work / f"given-{digest.hexdigest()[:16]}"
