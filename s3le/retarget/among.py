@@ -6,6 +6,7 @@ the nearest one that is certified with all joints moving, and where the others l
 that are forced, listed, and claimed of by nobody.
 """
 
+import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -115,6 +116,7 @@ def convert_among(
     _, wanted, mode, _, seconds = (
         part[np.clip(np.arange(m) - inside.start, 0, last)] for part in found
     )
+    began = clock.perf_counter()
     plan = retargeter.planner().plan(np.cumsum(dt), wanted, skeleton=True, progress=told)
 
     most = dict(zip(robot.joint_names, retargeter.most.acceleration.tolist(), strict=True))
@@ -126,6 +128,7 @@ def convert_among(
     )  # fmt: skip
     episode = Episode(frames.name, read.time, plan.q, [], numbers, others=read.others)
     made = guard.nearest(episode, told)
+    seconds = seconds + (clock.perf_counter() - began) / m
 
     if inside.start:
         mode[inside.start] = Mode.REFINED  # no start: the robot is there before
@@ -157,6 +160,7 @@ def convert_among(
         made.after.clearance, words, notes | read.about(),
         heading=headings(frames, read.time - offset),
     )  # fmt: skip
+    tally = moved.tally([plan.q], [made.q], robot.joint_names)
     rows = rates.as_given(read.time, made.q)
     followed = Followed(
         seen.time, made.q[inside], words, made.after.clearance[inside],
@@ -169,7 +173,7 @@ def convert_among(
             "joints": [] if read.others is None else list(read.others.joints),
             "breaks": forced.breaks([made.after]),
         },
-        "gave_way": moved.tally([plan.q], [made.q], robot.joint_names),
+        "gave_way": {key: value for key, value in tally.items() if key != "bins"},
         "certified": _certified(made.after, made.forced),
     }
     if made.forced:
