@@ -157,10 +157,11 @@ def _check_root(made: Read) -> None:
             f"{made.name}: does not say where its root is, which files --for a tool need; known "
             f"are {roots.KNOWN}"
         )
-    if len(made.root.position) != len(made.time):
-        raise TrajectoryError(
-            f"{made.name}: {len(made.root.position)} places of its root for {len(made.time)} rows"
-        )
+    for part, what in zip(made.root, ("places", "turns"), strict=True):
+        if len(part) != len(made.time):
+            raise TrajectoryError(
+                f"{made.name}: {len(part)} {what} of its root for {len(made.time)} rows"
+            )
     seven = np.hstack(made.root)
     for row in np.flatnonzero(~np.isfinite(seven).all(axis=1))[:1]:
         raise TrajectoryError(f"{made.name}: row {row}: the root is not finite")

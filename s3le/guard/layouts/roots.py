@@ -70,7 +70,8 @@ def of_columns(seven: Sequence[np.ndarray]) -> Placed | None:
 
 
 def _placed(position: np.ndarray, turn: np.ndarray) -> Placed | None:
-    shapes = position.shape == (len(position), 3) and turn.shape == (len(position), 4)
-    if not shapes or position.dtype.kind not in "fiu" or turn.dtype.kind not in "fiu":
+    if position.shape[1:] != (3,) or turn.shape[1:] != (4,):
+        return None
+    if position.dtype.kind not in "fiu" or turn.dtype.kind not in "fiu":
         return None
     return Placed(np.array(position, float), np.array(turn, float))
