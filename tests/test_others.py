@@ -44,6 +44,7 @@ from s3le.retarget.propose import LookUp
 from s3le.retarget.stream import Retargeter
 from s3le.robot.robot import Robot
 from s3le.search import neighbours
+from s3le.show import motions as shown
 from s3le.skeleton import DIM
 from s3le.store import tables
 
@@ -198,6 +199,18 @@ def test_legs_root_and_rows_are_the_other_files_to_the_bit(lifted):
     assert (one.time == np.arange(ROWS) / RATE).all()
     for i in REST:
         assert (one.q[:, one.joints.index(ORDER[i])] == every[:, i]).all(), ORDER[i]
+
+
+def test_legs_are_shown_as_they_move(lifted):
+    place, every, _ = lifted
+    one = shown.read(place / "out/wave.parquet", g1())
+    assert one.trajectory.joints == tuple(one.robot.joint_names)
+    for name in ("left_knee_joint", "left_wrist_roll_joint"):
+        at = one.trajectory.joints.index(name)
+        assert (one.trajectory.q[:, at] == every[:, ORDER.index(name)]).all()
+    ends = batch.capsule_ends(one.robot.chain, one.trajectory.q)
+    knee = [body.name for body in one.robot.bodies].index("left_knee_link_0")
+    assert np.ptp(ends[:, knee].reshape(ROWS, -1), axis=0).max() > 0.3  # [m]
 
 
 def test_what_was_finished_is_kept_unless_the_legs_are_others(lifted, tmp_path, ready):

@@ -21,32 +21,23 @@ import numpy as np
 
 from s3le.errors import TrajectoryError
 from s3le.motion import root, text
-from s3le.motion.root import Placed, Root
-from s3le.motion.trajectory import Trajectory, runs, unit
+from s3le.motion.root import Root
+from s3le.motion.trajectory import Placed, Trajectory, runs, unit
 from s3le.store import documents
 from s3le.store.atomic import replace
 
 SUFFIX = {"gmr": ".gmr.npz", "mjlab": ".mjlab.csv"}
 
 
-def write(
-    trajectory: Trajectory,
-    base: Root,
-    fps: float,
-    layout: str,
-    path: Path,
-    placed: Placed | None = None,
-) -> None:
+def write(trajectory: Trajectory, base: Root, fps: float, layout: str, path: Path) -> None:
     """Write a motion in a tool's layout, whole or not at all.
 
     Args:
         trajectory: of the whole robot (whole.numbered), rows at one rate, with its heading.
-        base: where the base link is.
+        base: where the base link is, unless the trajectory says it.
         fps: rows per second [Hz].
         layout: one of SUFFIX.
         path: where.
-        placed: where the base link is in each row, as another file says it; None: it stands as
-            base says, and turns with the heading.
 
     Raises:
         TrajectoryError: the layout is unknown, or rows are not at this rate.
@@ -59,6 +50,7 @@ def write(
     heading = trajectory.heading
     if heading is None:
         heading = np.zeros(len(trajectory.time))
+    placed = trajectory.root
     if placed is None:
         placed = Placed(root.positions(base, len(trajectory.time)), root.turned(base, heading))
         told = {

@@ -2,7 +2,7 @@
 
 World: z up; x is where a heading of 0 faces. The upper body alone is retargeted, so the base stands
 still at [0, 0, height] and turns about z as the human did; unless another file says where it is
-(Placed). Quaternions are x y z w.
+(Trajectory.root). Quaternions are x y z w.
 """
 
 from typing import NamedTuple
@@ -25,13 +25,6 @@ class Root(NamedTuple):
     height: float  # [m], of its origin above z = 0
     because: str  # where the height is from
     turn: np.ndarray  # (4,), unit quaternion x y z w: base link -> x forward, y left, z up
-
-
-class Placed(NamedTuple):
-    """Where the base link of a robot that moves about is, row by row."""
-
-    position: np.ndarray  # [m], (m, 3), of its origin in the world
-    turn: np.ndarray  # (m, 4), quaternion x y z w: base link -> world
 
 
 def find(robot: Geometry, height: float | None = None) -> Root:

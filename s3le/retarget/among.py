@@ -178,7 +178,7 @@ def convert_among(
     }
     if made.forced:
         summary["forced"] = certificate["forced"]
-    return Result(motion, summary, read.root)
+    return Result(replace(motion, root=read.root), summary)
 
 
 def told(frames: ClipFrames, read: Read, offset: float) -> list[str]:

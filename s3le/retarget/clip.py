@@ -15,7 +15,6 @@ from s3le.human.keypoints.how import How
 from s3le.human.skeletons import TILT_MAX, ClipFrames, read_frames
 from s3le.motion import rates, trajectory
 from s3le.motion.rates import Emission
-from s3le.motion.root import Placed
 from s3le.motion.trajectory import BETWEEN, Trajectory
 from s3le.retarget.follow import Followed, follow
 from s3le.retarget.stream import Retargeter
@@ -32,7 +31,6 @@ class Result(NamedTuple):
 
     motion: Trajectory
     summary: dict[str, Any]
-    root: Placed | None = None  # where the base link is, if another file says it
 
 
 def retarget_clip(

@@ -19,8 +19,7 @@ from s3le.guard.places import fingerprint
 from s3le.guard.task import Reading
 from s3le.motion import trajectory
 from s3le.motion.fit import MOVING, Others, fit, urdf_joints
-from s3le.motion.root import Placed
-from s3le.motion.trajectory import METRES, WHOLE
+from s3le.motion.trajectory import METRES, WHOLE, Placed
 from s3le.robot.description import ALL
 from s3le.robot.robot import Robot
 from s3le.robot.wholebody import WholeBody, whole_body

@@ -150,8 +150,8 @@ def write(
         to = out / f"{name}{layouts.SUFFIX[tool]}"
         assert complete is not None and joints is not None and shape.base is not None
         numbered = whole.numbered(complete, joints)
-        layouts.write(numbered, shape.base, summary["rate"], tool, to, result.root)
+        layouts.write(numbered, shape.base, summary["rate"], tool, to)
     held = {file: sidecar.digest(out / file) for file in shape.files(name)}
     summary = {**summary, **(about or {}), sidecar.OUTPUT: held}
     documents.write_json(summary, out / summary_of(name))
-    return Result(result.motion, summary, result.root)
+    return Result(result.motion, summary)

@@ -3,6 +3,7 @@
 A worker reads a clip itself; what became of it travels back as plain arrays and JSON.
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from s3le.human.origin import CLIP_HASH
 from s3le.human.read import digest, fingerprint
 from s3le.human.skeletons import TILT_MAX, ClipFrames, read_frames, refuse_minority
 from s3le.motion import trajectory
-from s3le.motion.root import Placed
+from s3le.motion.trajectory import Placed
 from s3le.retarget import among, exported, others, stored
 from s3le.retarget.clip import Result, convert
 from s3le.retarget.others import Other
@@ -193,13 +194,13 @@ def encode(answer: Answer) -> bytes:
     tree: dict[str, Any] = {"notes": list(answer.notes)}
     if isinstance(answer.found, Refusal):
         return parcel.pack(tree | {"refusal": answer.found._asdict()}, {})
-    motion, summary, root = answer.found
+    motion, summary = answer.found
     tree |= {
         "name": motion.name, "joints": motion.joints, "about": motion.about, "summary": summary,
     }  # fmt: skip
     columns = {name: getattr(motion, name) for name in _COLUMNS}
-    if root is not None:
-        columns |= root._asdict()
+    if motion.root is not None:
+        columns |= motion.root._asdict()
     return parcel.pack(tree, {name: each for name, each in columns.items() if each is not None})
 
 
@@ -213,5 +214,6 @@ def decode(data: bytes) -> Answer:
         tree["name"], tree["joints"], arrays["time"], arrays["q"], arrays.get("clearance"),
         arrays.get("mode"), tree["about"], heading=arrays.get("heading"),
     )  # fmt: skip
-    root = Placed(arrays["position"], arrays["turn"]) if "turn" in arrays else None
-    return Answer(Result(motion, tree["summary"], root), notes)
+    if "turn" in arrays:
+        motion = dataclasses.replace(motion, root=Placed(arrays["position"], arrays["turn"]))
+    return Answer(Result(motion, tree["summary"]), notes)

@@ -14,7 +14,7 @@ import numpy as np
 
 from s3le.guard.layouts.numbers import Numbers
 from s3le.motion.fit import Others
-from s3le.motion.root import Placed
+from s3le.motion.trajectory import Placed
 
 GUARDED = "guarded"  # mode of a row that was changed, in files that have a column of modes
 

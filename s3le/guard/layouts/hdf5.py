@@ -17,7 +17,7 @@ from s3le.errors import TrajectoryError
 from s3le.guard.layouts import arrays, matched, roots
 from s3le.guard.layouts.episode import Episode
 from s3le.motion.columns import ANGLES, NAMES, RATES, STEPS, TIMES
-from s3le.motion.root import Placed
+from s3le.motion.trajectory import Placed
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 

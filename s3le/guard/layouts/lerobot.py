@@ -23,8 +23,7 @@ from s3le.guard.layouts import lerobot_stats, matched, parquet
 from s3le.guard.layouts.episode import Episode
 from s3le.motion.columns import placed
 from s3le.motion.parquet import numbers
-from s3le.motion.root import Placed
-from s3le.motion.trajectory import times, twice
+from s3le.motion.trajectory import Placed, times, twice
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 

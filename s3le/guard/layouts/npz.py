@@ -16,8 +16,7 @@ from s3le.guard.layouts.arrays import Found
 from s3le.guard.layouts.matched import ABOUT
 from s3le.motion.columns import ANGLES
 from s3le.motion.npz import MOST_BYTES, told
-from s3le.motion.root import Placed
-from s3le.motion.trajectory import CLEARANCE, MODE
+from s3le.motion.trajectory import CLEARANCE, MODE, Placed
 from s3le.robot.model import Geometry
 from s3le.store import npz
 from s3le.store.atomic import replace

@@ -13,8 +13,7 @@ from s3le.guard.layouts import arrays, claims, matched, roots
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import parquet
 from s3le.motion.columns import ANGLES, NAMES, RATES, STEPS, clock
-from s3le.motion.root import Placed
-from s3le.motion.trajectory import CLEARANCE, MODE, twice
+from s3le.motion.trajectory import CLEARANCE, MODE, Placed, twice
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 

@@ -16,7 +16,7 @@ from s3le.guard.layouts import arrays, matched, roots
 from s3le.guard.layouts.arrays import Found
 from s3le.inert import pickles
 from s3le.motion.columns import ANGLES, NAMES, RATES, STEPS, TIMES
-from s3le.motion.root import Placed
+from s3le.motion.trajectory import Placed
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 

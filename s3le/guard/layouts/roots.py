@@ -13,7 +13,7 @@ import numpy as np
 
 from s3le.guard.layouts.arrays import Place
 from s3le.motion.columns import ROOT, find
-from s3le.motion.root import Placed
+from s3le.motion.trajectory import Placed
 
 POSITIONS, TURNS = ("root_pos", "root_trans", "root_trans_offset"), ("root_rot",)
 BODIES = ("body_pos_w", "body_quat_w")

@@ -16,8 +16,7 @@ from s3le.guard.layouts import arrays, claims, matched, roots
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import text
 from s3le.motion.columns import ANGLES, clock
-from s3le.motion.root import Placed
-from s3le.motion.trajectory import CLEARANCE, MODE, runs, twice
+from s3le.motion.trajectory import CLEARANCE, MODE, Placed, runs, twice
 from s3le.robot.model import Geometry
 from s3le.store import documents
 from s3le.store.atomic import replace
