@@ -10,6 +10,8 @@ from functools import cache
 
 import numpy as np
 import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from command import run
 from handmade import bvh, write
@@ -399,6 +401,14 @@ def as_csv(path, legs):
     np.savetxt(path, np.hstack([*root(len(legs)), everyone(legs)]), delimiter=",", fmt="%.17g")
 
 
+def as_lists(path, legs):
+    table = arrays(legs)
+    names = json.dumps(table.pop("joint_names").tolist())
+    meta = {"joint_names": names, "fps": str(table.pop("fps"))}
+    lists = {key: pa.array(value.tolist()) for key, value in table.items()}
+    pq.write_table(pa.table(lists).replace_schema_metadata(meta), path)
+
+
 KINDS = {
     "a.pkl": gmr,
     "a.npz": lambda path, legs: np.savez(path, **arrays(legs)),
@@ -408,6 +418,7 @@ KINDS = {
     "a.csv": as_csv,
     "named.csv": lambda path, legs: named(legs).write_csv(path),
     "a.parquet": lambda path, legs: named(legs).write_parquet(path),
+    "lists.parquet": as_lists,
     "a.h5": as_hdf5,
 }
 
