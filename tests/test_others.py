@@ -297,7 +297,7 @@ def test_rows_before_and_after_the_clip_have_its_first_and_last_pose(tmp_path, r
     assert "goes on 2.00 s beyond the clip: its last 60 rows keep" in said.stderr
     made = files.read(tmp_path / "out/wave.parquet")
     assert ((made.mode == BEYOND) == np.r_[[True] * 30, [False] * 60, [True] * 60]).all()
-    assert side(tmp_path)["clip_time_offset_s"] == 1.0
+    assert "start" not in made.mode and side(tmp_path)["clip_time_offset_s"] == 1.0
     ours = made.q[:, : len(OURS)]
     still = [not np.ptp(ours[part], axis=0).any() for part in (slice(0, 15), slice(105, 150))]
     assert still == [True, True] and np.ptp(ours[30:90], axis=0).max() > 0.1
@@ -448,6 +448,23 @@ def test_a_file_that_was_made_here_is_read_again(lifted):
         one = read(asked(place / f"out/wave.{end}", rooted=True), g1())
         assert (one.root.position == root(ROWS)[0]).all() and (one.root.turn == root(ROWS)[1]).all()
         assert (one.q == every[:, REST]).all()
+
+
+def test_legs_alone_are_enough_and_what_nobody_moves_stands_where_it_is_held(tmp_path, ready):
+    as_legs_alone(tmp_path / "legs.npz", raised())
+    said = merged(tmp_path, tmp_path / "legs.npz", "--full", "--for", "gmr")
+    assert said.exit_code == shell.OK, said.output
+    made = files.read(tmp_path / "out/wave.parquet")
+    assert made.joints == tuple(joint.name for joint in joints(g1()).joints)
+    assert (made.q[:, [made.joints.index(name) for name in LEGS]] == raised()).all()
+    held = side(tmp_path)["whole"]["held"]
+    assert set(held) == set(ORDER) - {*LEGS, *g1().joint_names}
+    assert not made.q[:, [made.joints.index(name) for name in held]].any()
+    with np.load(tmp_path / "out/wave.gmr.npz") as same:
+        names = list(same["joint_names"])
+        assert (same["dof_pos"] == made.q[:, [made.joints.index(name) for name in names]]).all()
+        assert (same["root_rot"] == root(ROWS)[1]).all() and spare(same).min() >= -EXACT
+    assert run("audit", tmp_path / "out/wave.parquet", *G1).exit_code == shell.OK
 
 
 def test_legs_in_degrees_are_asked_about_and_read_as_said(tmp_path, ready):
