@@ -356,12 +356,17 @@ def test_every_option_that_can_change_a_result_is_in_the_key(tmp_path):
     plain = dict(retargeting(clip, tmp_path, its).about())
     changed = dict(
         fps=25.0, tilt_max=50.0, how=task.How(axes="z-up"), minority=True, rate=60.0, even=True,
-        lead_in=1.0,
+        lead_in=1.0, others=task.Other("legs.npz", "../legs.npz", "hash"),
     )  # fmt: skip
     assert changed.keys() == set(task.Asked._fields)
     for name, value in changed.items():
         other = dict(retargeting(clip, tmp_path, its, **{name: value}).about())
         assert json.dumps(other) != json.dumps(plain), name
+    legs, seen = changed["others"], set()
+    for name in set(legs._fields) - {"path"}:
+        other = retargeting(clip, tmp_path, its, others=legs._replace(**{name: ["another"]}))
+        seen.add(json.dumps(dict(other.about())))
+    assert len(seen) == len(legs) - 1
 
 
 # --- the real retargeter, in processes

@@ -21,14 +21,17 @@ class Claim:
     margin: float  # [m], clearance of every pose
     speed_factor: float = 1.0  # share of the robot's joint speeds
     acceleration: tuple[float, ...]  # [rad/s^2], one a joint of the robot; inf: any
+    between: float | None = None  # [m], clearance of every path; None: a quarter of the margin
 
     def demands(self, robot: Robot) -> audit.Demands:
         """What the audit is asked, for the robot of `robot`."""
         names = robot.joint_names
-        own = audit.demands(robot, self.margin)
+        own = audit.demands(robot, self.margin, self.between)
         speed = dict(zip(names, (own.velocity * self.speed_factor).tolist(), strict=True))
         hardest = dict(zip(names, self.acceleration, strict=True))
-        return audit.demands(robot, self.margin, velocity=speed, acceleration=hardest)
+        return audit.demands(
+            robot, self.margin, self.between, velocity=speed, acceleration=hardest
+        )  # fmt: skip
 
 
 def claim(
@@ -108,7 +111,7 @@ def with_reserve(
     margin = of.margin + reserve
     settings = Settings(
         target=margin + ROOM,
-        between=audit.demands(robot, of.margin).margin_between + reserve,
+        between=audit.demands(robot, of.margin, of.between).margin_between + reserve,
         check=False,  # the audit does, once it is rounded
     )
     if reserve:

@@ -6,7 +6,7 @@ Where others move joints too (legs that walk), steps for which they leave no cer
 forced: they are listed, and nothing is claimed of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -165,7 +165,7 @@ class Guard:
             },
             "reserve_rad": max(one.reserve for one in made),
             "after": _merged(layout, reports),
-            "certificate": self._certificate(layout, reports),
+            "certificate": self.certificate(layout.episodes, reports),
             "holds": all(report.holds for report in reports),
         }
         if runs:
@@ -310,10 +310,17 @@ class Guard:
             "before": _merged(layout, before),
         }
 
-    def _certificate(self, layout: Layout, reports: list[audit.Report]) -> dict[str, Any]:
-        """One certificate over all episodes."""
+    def certificate(
+        self, episodes: Sequence[Episode], reports: Sequence[audit.Report]
+    ) -> dict[str, Any]:
+        """One certificate over some episodes, as JSON can hold it.
+
+        Args:
+            episodes: as they were read.
+            reports: what the audit found of each as it will be written.
+        """
         whole = audit.certificate(self.robot, self.demands, reports[0])
-        bodies = [body for one in layout.episodes if (body := self.body(one)) is not None]
+        bodies = [body for one in episodes if (body := self.body(one)) is not None]
         for body in bodies:
             also = wholebody.certificate(body, self.demands, reports[0])
             whole["given"] = list(dict.fromkeys([*whole.get("given", []), *also["given"]]))

@@ -151,6 +151,8 @@ def joint_of(column: str, known: Collection[str]) -> str | None:
 
 def _wild(q: np.ndarray, robot: Geometry) -> str:
     """A word on angles so far off that they must be something else."""
+    if not robot.joints:
+        return ""
     reach = np.maximum(np.maximum(np.abs(robot.lower), np.abs(robot.upper)), radians(5.0))
     with np.errstate(over="ignore"):  # what is that far off is found all the same
         times = np.abs(q) / reach

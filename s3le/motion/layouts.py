@@ -22,7 +22,7 @@ import numpy as np
 from s3le.errors import TrajectoryError
 from s3le.motion import root, text
 from s3le.motion.root import Root
-from s3le.motion.trajectory import Trajectory, runs, unit
+from s3le.motion.trajectory import Placed, Trajectory, runs, unit
 from s3le.store import documents
 from s3le.store.atomic import replace
 
@@ -34,7 +34,7 @@ def write(trajectory: Trajectory, base: Root, fps: float, layout: str, path: Pat
 
     Args:
         trajectory: of the whole robot (whole.numbered), rows at one rate, with its heading.
-        base: where the base link is.
+        base: where the base link is, unless the trajectory says it.
         fps: rows per second [Hz].
         layout: one of SUFFIX.
         path: where.
@@ -50,9 +50,22 @@ def write(trajectory: Trajectory, base: Root, fps: float, layout: str, path: Pat
     heading = trajectory.heading
     if heading is None:
         heading = np.zeros(len(trajectory.time))
-    place = root.positions(base, len(trajectory.time))
-    turn = root.turned(base, heading)
-    about = {**trajectory.about, "layout": _tree(trajectory, base, layout)}
+    placed = trajectory.root
+    if placed is None:
+        placed = Placed(root.positions(base, len(trajectory.time)), root.turned(base, heading))
+        told = {
+            "root_position": f"m, z up: 0, 0, {base.height!r} in every row",
+            "root_height_m": base.height,
+            "root_height": base.because,
+            "root_quaternion": "x y z w: base link -> world, x faces a heading of 0",
+        }
+    else:
+        told = {
+            "root_position": "m, as the file of the given joints has it",
+            "root_quaternion": "x y z w, as the file of the given joints has it",
+        }
+    place, turn = placed
+    about = {**trajectory.about, "layout": _tree(trajectory, base, layout, told)}
     if layout == "gmr":
         arrays = {
             "fps": np.array(int(fps) if fps == int(fps) else fps),
@@ -84,14 +97,13 @@ def _save(part: Path, arrays: dict[str, Any]) -> None:
         np.savez_compressed(stream, **arrays)
 
 
-def _tree(trajectory: Trajectory, base: Root, layout: str) -> dict[str, Any]:
+def _tree(
+    trajectory: Trajectory, base: Root, layout: str, placed: dict[str, Any]
+) -> dict[str, Any]:
     """What the file says about its own columns."""
     return {
         "name": layout,
         "root_link": base.link,
-        "root_position": f"m, z up: 0, 0, {base.height!r} in every row",
-        "root_height_m": base.height,
-        "root_height": base.because,
-        "root_quaternion": "x y z w: base link -> world, x faces a heading of 0",
+        **placed,
         "joints": [f"{joint} [{unit(trajectory, joint)}]" for joint in trajectory.joints],
     }

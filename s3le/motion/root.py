@@ -1,7 +1,8 @@
 """Where the base link of a robot is in the world, row by row, for files that want a free base.
 
 World: z up; x is where a heading of 0 faces. The upper body alone is retargeted, so the base stands
-still at [0, 0, height] and turns about z as the human did. Quaternions are x y z w.
+still at [0, 0, height] and turns about z as the human did; unless another file says where it is
+(Trajectory.root). Quaternions are x y z w.
 """
 
 from typing import NamedTuple

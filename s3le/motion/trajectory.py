@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,13 @@ RESERVED = (TIME, HEADING, CLEARANCE, MODE)  # columns that are no joints
 WHOLE, METRES = "whole", "in_metres"  # what a file of the whole robot says of its joints
 UNIFORM = 1e-6  # two steps are alike if they differ by no more than this share
 LONGEST_NAME = 256  # [characters] of a joint or a mode; what is longer is damage
+
+
+class Placed(NamedTuple):
+    """Where the base link of a robot that moves about is, row by row."""
+
+    position: np.ndarray  # [m], (m, 3), of its origin in the world
+    turn: np.ndarray  # (m, 4), quaternion x y z w: base link -> world
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +36,7 @@ class Trajectory:
     mode: np.ndarray | None = None  # str (n,), how a row was obtained
     about: Mapping[str, Any] = field(default_factory=dict)  # robot, certificate, ...: what JSON can
     heading: np.ndarray | None = None  # [rad], (n,), yaw of the base about z, unwrapped
+    root: Placed | None = None  # as another file says it, for tools' layouts (motion.layouts)
 
     @property
     def rate(self) -> float | None:

@@ -6,6 +6,7 @@ own and are left out, as are floating and planar ones, which are no motors at al
 """
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -25,7 +26,7 @@ class Actuated(NamedTuple):
 
     name: str
     unit: str  # of its column: rad, or m for a prismatic one
-    moved: int  # which of Geometry.joints it is; -1: it is held
+    moved: int  # which column of a motion it is, the robot's own first; -1: it is held
     held: float  # where it stands if it is held [unit]
 
 
@@ -101,18 +102,30 @@ def _refuse_beyond(robot: Geometry, item: ElementTree.Element, held: float, unit
         )
 
 
+def moved(whole: Whole, names: Sequence[str]) -> Whole:
+    """The same joints, of a motion that has columns for more of them than the robot file moves.
+
+    Args:
+        whole: see joints.
+        names: of the motion's columns, the robot's own first.
+    """
+    at = {name: i for i, name in enumerate(names)}
+    found = (joint._replace(moved=at.get(joint.name, -1)) for joint in whole.joints)
+    return whole._replace(joints=tuple(found))
+
+
 def complete(trajectory: Trajectory, robot: Geometry, whole: Whole) -> Trajectory:
     """The same motion with a column for every joint of the URDF.
 
     Args:
-        trajectory: of the robot's own joints, in the robot's order.
+        trajectory: of the robot's own joints, in the robot's order; others may follow.
         robot: whose it is.
-        whole: its joints, see joints.
+        whole: its joints, see joints, or moved where others follow.
 
     Returns:
         The motion in the URDF's order; `about` says which joints move, and where the others stand.
     """
-    assert trajectory.joints == tuple(robot.joint_names)
+    assert trajectory.joints[: robot.n_dof] == tuple(robot.joint_names)
     q = np.empty((len(trajectory.q), len(whole.joints)))  # (n, all joints)
     for column, joint in enumerate(whole.joints):
         q[:, column] = joint.held if joint.moved < 0 else trajectory.q[:, joint.moved]

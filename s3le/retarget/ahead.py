@@ -49,8 +49,8 @@ def planned(
     progress: Progress | None,
 ) -> Rows:
     """See Retargeter.plan."""
-    half = _halves(progress, len(x))
-    aims, wanted, mode, cost, seconds = _wanted(its, x, dt, start, half)
+    half = share(progress, 2 * len(x), len(x))
+    aims, wanted, mode, cost, seconds = want(its, x, dt, start, half)
     began = clock.perf_counter()
     times = np.cumsum(dt)
     if start is None:
@@ -60,15 +60,26 @@ def planned(
         stood = np.concatenate([[start, start], wanted])
         plan = its.planner().plan(times, stood, skeleton=True, stands=True, progress=half)
         plan = type(plan)(*(part[2:] for part in plan))
-    arrived = np.isin(mode, (Mode.REFINED, Mode.LOOKUP))
-    mode[arrived & (np.abs(plan.q - wanted).max(axis=1) > _AS_WANTED)] = Mode.PLANNED
+    mark(mode, plan.q, wanted)
     found = batch.skeletons(its.robot.chain, plan.q)
     far = 0.5 * np.square(found - aims).sum(axis=1) / len(its.robot.vectors)
     seconds += (clock.perf_counter() - began) / len(x)
     return Rows(plan.q, mode, plan.clearance, plan.bound, far, cost, seconds)
 
 
-def _wanted(
+def mark(mode: np.ndarray, q: np.ndarray, wanted: np.ndarray) -> None:
+    """Say of rows that are not the pose wanted that they were planned; changes mode.
+
+    Args:
+        mode: of each row, object (m,).
+        q: of each row [rad], (m, n).
+        wanted: the poses wanted [rad], (m, n).
+    """
+    arrived = np.isin(mode, (Mode.REFINED, Mode.LOOKUP))
+    mode[arrived & (np.abs(q - wanted).max(axis=1) > _AS_WANTED)] = Mode.PLANNED
+
+
+def want(
     its: Refines,
     x: np.ndarray,
     dt: np.ndarray,
@@ -126,14 +137,14 @@ def _odd_ones_out(frames: list[np.ndarray | None]) -> list[np.ndarray | None]:
     return [None if row is None else next(rest) for row in frames]
 
 
-def _halves(progress: Progress | None, m: int) -> Callable[[int], object]:
-    """Each of m rows counts twice, and is told once."""
+def share(progress: Progress | None, work: int, m: int) -> Callable[[int], object]:
+    """Tell of m rows while `work` of something is counted."""
     seen, told = 0, 0
 
-    def counted(rows: int) -> None:
+    def counted(count: int) -> None:
         nonlocal seen, told
-        seen += rows
-        now = min(seen // 2, m)
+        seen += count
+        now = min(seen * m // work, m)
         if progress and now > told:
             progress(now - told)
             told = now

@@ -10,7 +10,7 @@ from s3le.retarget.rows import Mode
 from s3le.store import sidecar, tables
 from s3le.store.schema import Column, Table, at_least
 
-CERTIFIED, REFUSED, UNREADABLE = "certified", "refused", "unreadable"
+CERTIFIED, FORCED, REFUSED, UNREADABLE = "certified", "forced", "refused", "unreadable"
 LIMITED = (  # the robot is not where the human has it
     Mode.PLANNED, Mode.LIMITED, Mode.SHORTENED, Mode.DETOUR, Mode.BRAKED, Mode.HELD, Mode.HALTED,
 )  # fmt: skip
@@ -22,10 +22,11 @@ class Record(NamedTuple):
 
     path: Path  # as given
     file: str  # the same, from the folder of results
-    status: str  # CERTIFIED; REFUSED: no motion was found that holds; UNREADABLE
+    status: str  # CERTIFIED; FORCED: but for steps for which given joints leave no way;
+    # REFUSED: no motion was found that holds; UNREADABLE
     kept: bool  # an earlier run had made it
     summary: dict[str, Any]  # see outputs.write; empty where there is none
-    why: str  # there is none; else empty
+    why: str  # there is none, or steps of it are forced; else empty
     notes: tuple[str, ...] = ()  # what was assumed of the clip, for people
 
 
@@ -42,8 +43,8 @@ def retarget(between: float) -> Table:
         key=("file",),
         columns={
             "file": Column(pl.String(), "-", "the clip, from the folder of results"),
-            "status": Column(pl.String(), "-", "certified, refused or unreadable"),
-            "why": Column(pl.String(), "-", "there is no result; else empty"),
+            "status": Column(pl.String(), "-", "certified, forced, refused or unreadable"),
+            "why": Column(pl.String(), "-", "there is no result, or it is forced; else empty"),
             "frames": Column(pl.Int64(), "-", "of the clip"),
             "dropped": Column(pl.Int64(), "-", "frames that could not be used"),
             "rows": Column(pl.Int64(), "-", "poses of the result"),
@@ -133,7 +134,7 @@ def total(records: Sequence[Record]) -> str:
         "kept": sum(record.kept for record in records),
         **{
             status: sum(record.status == status for record in records)
-            for status in (REFUSED, UNREADABLE)
+            for status in (FORCED, REFUSED, UNREADABLE)
         },
     }
     return ", ".join([*words, *(f"{count} {what}" for what, count in counts.items() if count)])

@@ -172,15 +172,24 @@ def approach(x_from: np.ndarray, x_to: np.ndarray, count: int) -> np.ndarray:
     """
     s = np.arange(1, count + 1)[:, None, None] / (count + 1)
     s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)  # least jerk
-    a, b = x_from.reshape(1, 7, 3), x_to.reshape(1, 7, 3)
+    return turned(x_from.reshape(1, 7, 3), x_to.reshape(1, 7, 3), s).reshape(count, -1)
+
+
+def turned(a: np.ndarray, b: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Unit vectors some way from one to another, each through the plane of the two.
+
+    Args:
+        a, b: unit vectors, (m, k, 3).
+        s: share of the angle between them, (m, 1, 1).
+    """
     angle = np.arccos(np.clip((a * b).sum(axis=2, keepdims=True), -1.0, 1.0))
     aside = b - (a * b).sum(axis=2, keepdims=True) * a
     least = np.abs(a).argmin(axis=2)[..., None]
     other = np.cross(a, np.eye(3)[least[..., 0]])
     aside = np.where(np.linalg.norm(aside, axis=2, keepdims=True) > 1e-6, aside, other)
     aside = aside / np.linalg.norm(aside, axis=2, keepdims=True)
-    turned = np.cos(s * angle) * a + np.sin(s * angle) * aside
-    return (turned / np.linalg.norm(turned, axis=2, keepdims=True)).reshape(count, -1)
+    made = np.cos(s * angle) * a + np.sin(s * angle) * aside
+    return made / np.linalg.norm(made, axis=2, keepdims=True)
 
 
 def _standing(q: np.ndarray) -> Rows:

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from s3le.errors import S3leError
+from s3le.guard.forced import sentence
 from s3le.human.clip import clip_name
 from s3le.human.origin import CLIP, CLIP_HASH, about_clip
 from s3le.human.read import fingerprint
 from s3le.retarget import clips, outputs
-from s3le.retarget.clips import CERTIFIED, REFUSED, UNREADABLE, Record
+from s3le.retarget.clips import CERTIFIED, FORCED, REFUSED, UNREADABLE, Record
 from s3le.retarget.outputs import Shape
 from s3le.retarget.stream import Retargeter
 from s3le.retarget.task import Answer, Bar, Retargeting, decode, why
@@ -80,7 +81,7 @@ def process(
         if summary is None:
             todo.append(one)
         else:
-            yield Record(path, file, CERTIFIED, True, summary, "")
+            yield _found(path, file, True, summary)
     task = replace(
         task,
         sources=tuple(str(one.path) for one in todo),
@@ -115,7 +116,7 @@ def _record(one: _Todo, answer: Answer, robot: Robot, out: Path, shape: Shape, t
         about = {sidecar.FORMAT: FORMAT, sidecar.INPUT: one.held, sidecar.TAG: tag}
         try:
             summary = outputs.write(found, robot, out, shape, about).summary
-            return Record(one.path, one.file, CERTIFIED, False, summary, "", answer.notes)
+            return _found(one.path, one.file, False, summary, answer.notes)
         except (S3leError, OSError) as error:
             found = Refusal(True, why(one.path, error))
     words = found.why
@@ -123,6 +124,15 @@ def _record(one: _Todo, answer: Answer, robot: Robot, out: Path, shape: Shape, t
         words += f"; its earlier result in {out} stays, of another clip or other options"
     status = UNREADABLE if found.unreadable else REFUSED
     return Record(one.path, one.file, status, False, {}, words, answer.notes)
+
+
+def _found(
+    path: Path, file: str, kept: bool, summary: dict[str, Any], notes: tuple[str, ...] = ()
+) -> Record:
+    """A clip that has a result."""
+    if summary.get("forced"):
+        return Record(path, file, FORCED, kept, summary, sentence(summary), notes)
+    return Record(path, file, CERTIFIED, kept, summary, "", notes)
 
 
 def finished(one: _Todo, out: Path, shape: Shape, tag: str) -> dict[str, Any] | None:
@@ -144,7 +154,9 @@ def _said(path: Path, out: Path) -> dict[str, Any] | None:
     """What the summary of a clip says, if it is one of ours and whole."""
     said = sidecar.read(out / outputs.summary_of(clip_name(path)), FORMAT, (CLIP, "certificate"))
     try:
-        if said is None or said["certificate"]["holds"] is not True:
+        if said is None:
+            return None
+        if said["certificate"]["holds"] is not True and not said.get("forced"):
             return None
         clips.row(Record(path, "", CERTIFIED, True, said, ""))
     except (KeyError, TypeError, ValueError, AttributeError):

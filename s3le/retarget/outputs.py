@@ -75,29 +75,32 @@ def shape(
     )
 
 
-def refuse_overlap(paths: list[Path], out: Path, shape: Shape) -> None:
+def refuse_overlap(paths: list[Path], out: Path, shape: Shape, others: Path | None = None) -> None:
     """Refuse clips whose files would be one another's, as those of `a` and `a.gmr`, or a clip.
 
     Args:
         paths: the clips.
         out: folder of the results.
         shape: what is written.
+        others: the motion of joints that others move, which no result may replace either.
 
     Raises:
         ParameterError: two results, or a result and a clip, would be one file.
     """
     writer: dict[str, Path] = {}
-    given = {path.resolve(): path for path in paths}
-    if clip := given.get((out / TABLE).resolve()):
-        raise ParameterError(f"{clip} is a clip, and would be replaced by the table; "
+    given = {path.resolve(): f"{path} is a clip" for path in paths}
+    if others is not None:
+        given[others.resolve()] = f"{others} is read"
+    if which := given.get((out / TABLE).resolve()):
+        raise ParameterError(f"{which}, and would be replaced by the table; "
                              "give another folder as --out")  # fmt: skip
     for path in paths:
         for name in (*shape.files(clip_name(path)), summary_of(clip_name(path))):
             if name == TABLE:
                 raise ParameterError(f"{path}: {TABLE} is the name of the table; rename the clip")
-            if clip := given.get((out / name).resolve()):
-                raise ParameterError(f"{clip} is a clip, and would be replaced by a result of that "
-                                     "name; give another folder as --out")  # fmt: skip
+            if which := given.get((out / name).resolve()):
+                raise ParameterError(f"{which}, and would be replaced by a result of that name; "
+                                     " give another folder as --out")  # fmt: skip
             if (other := writer.setdefault(name, path)) is not path:
                 raise ParameterError(f"{other} and {path} would both become {name}; write them "
                                      "to two folders")  # fmt: skip
@@ -134,17 +137,19 @@ def write(
     """
     written, summary, complete = result.motion, result.summary, None
     name = written.name
-    if shape.whole is not None:
-        complete = whole.complete(written, robot, shape.whole)
+    joints = shape.whole
+    if joints is not None:
+        joints = whole.moved(joints, written.joints)
+        complete = whole.complete(written, robot, joints)
         written = complete if shape.full else written
-        summary = summary | {"whole": whole.tree(shape.whole)}
+        summary = summary | {"whole": whole.tree(joints)}
     (out / summary_of(name)).unlink(missing_ok=True)
     for suffix in shape.suffixes:
         files.write(written, out / f"{name}{suffix}")
     for tool in shape.tools:
         to = out / f"{name}{layouts.SUFFIX[tool]}"
-        assert complete is not None and shape.whole is not None and shape.base is not None
-        numbered = whole.numbered(complete, shape.whole)
+        assert complete is not None and joints is not None and shape.base is not None
+        numbered = whole.numbered(complete, joints)
         layouts.write(numbered, shape.base, summary["rate"], tool, to)
     held = {file: sidecar.digest(out / file) for file in shape.files(name)}
     summary = {**summary, **(about or {}), sidecar.OUTPUT: held}

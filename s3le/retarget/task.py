@@ -3,6 +3,7 @@
 A worker reads a clip itself; what became of it travels back as plain arrays and JSON.
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -16,8 +17,10 @@ from s3le.human.origin import CLIP_HASH
 from s3le.human.read import digest, fingerprint
 from s3le.human.skeletons import TILT_MAX, ClipFrames, read_frames, refuse_minority
 from s3le.motion import trajectory
-from s3le.retarget import exported, stored
+from s3le.motion.trajectory import Placed
+from s3le.retarget import among, exported, others, stored
 from s3le.retarget.clip import Result, convert
+from s3le.retarget.others import Other
 from s3le.retarget.stream import Retargeter
 from s3le.robot.robot import Files, Robot
 from s3le.tuples.engine import parcel
@@ -39,6 +42,12 @@ class Asked(NamedTuple):
     rate: float | None = None
     even: bool = False
     lead_in: float = 0.0
+    others: Other | None = None  # the file whose joints, root and rows the motion has
+
+    def about(self) -> dict[str, Any]:
+        """As JSON."""
+        others = None if self.others is None else self.others.about()
+        return self._asdict() | {"how": self.how._asdict(), "others": others}
 
 
 class Lead(NamedTuple):
@@ -95,7 +104,7 @@ class Retargeting:
             "robot": self.robot,
             "model": self.lead.digest,
             "words": dict(self.words),
-            "asked": self.asked._asdict() | {"how": self.asked.how._asdict()},
+            "asked": self.asked.about(),
             "written": dict(self.written),
         }
 
@@ -132,6 +141,14 @@ class Retargeting:
                 refuse_minority(source, frames)
             notes = frames.reading.told if frames.reading else ()
             about = {**self.words, **self.origins[number]}
+            if (other := self.asked.others) is not None:
+                read = others.read(other, its.robot)
+                notes = (*notes, *read.notes, *among.told(frames, read, other.offset))
+                with bar(frames) if bar else nullcontext() as progress:
+                    made = among.convert_among(
+                        its, frames, read, other, about=about, progress=progress
+                    )
+                return encode(Answer(made, notes))
             with bar(frames) if bar else nullcontext() as progress:
                 made = convert(
                     its, frames, rate=self.asked.rate, even=self.asked.even,
@@ -182,6 +199,8 @@ def encode(answer: Answer) -> bytes:
         "name": motion.name, "joints": motion.joints, "about": motion.about, "summary": summary,
     }  # fmt: skip
     columns = {name: getattr(motion, name) for name in _COLUMNS}
+    if motion.root is not None:
+        columns |= motion.root._asdict()
     return parcel.pack(tree, {name: each for name, each in columns.items() if each is not None})
 
 
@@ -195,4 +214,6 @@ def decode(data: bytes) -> Answer:
         tree["name"], tree["joints"], arrays["time"], arrays["q"], arrays.get("clearance"),
         arrays.get("mode"), tree["about"], heading=arrays.get("heading"),
     )  # fmt: skip
+    if "turn" in arrays:
+        motion = dataclasses.replace(motion, root=Placed(arrays["position"], arrays["turn"]))
     return Answer(Result(motion, tree["summary"]), notes)

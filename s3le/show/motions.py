@@ -4,6 +4,7 @@ A motion is read as `s3le audit` reads it. Between two of its rows the joints mo
 that is how a moment between them is shown; before the first and after the last row it stands.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,9 +17,10 @@ from s3le.human.origin import CLIP, CLIP_HASH
 from s3le.human.read import digest
 from s3le.human.skeletons import read_frames
 from s3le.motion import files
-from s3le.motion.fit import fit
+from s3le.motion.fit import MOVING, fit
 from s3le.motion.trajectory import Trajectory
 from s3le.robot.robot import Robot
+from s3le.robot.wholebody import with_joints
 
 ON_ROW = 1e-7  # [s], a moment this close to a row is that row
 TILT_MAX = 89.0  # [deg]; what is shown is not what was fit to be followed
@@ -54,14 +56,27 @@ def read(
 
     Raises:
         TrajectoryError: what the audit's reader refuses.
+        RobotError: a joint moves that the robot file holds still, and cannot move in the model.
     """
     return of(files.read(path, fps, joints), path, robot, degrees)
 
 
 def of(trajectory: Trajectory, path: Path, robot: Robot, degrees: bool = False) -> Shown:
-    """The motion that a file's trajectory is, of a robot; see read."""
-    fitted = fit(trajectory, robot, degrees)
-    return Shown(path.stem, path, robot, fitted.trajectory, fitted.notes)
+    """The motion that a file's trajectory is, of a robot; see read.
+
+    Joints of the URDF that the robot holds still and that move all the same, as legs do that
+    others move, are shown as they move; bodies are measured with them.
+    """
+    fitted = fit(trajectory, robot, degrees, (MOVING,))
+    own, others = fitted.trajectory, fitted.others
+    if others is None:
+        return Shown(path.stem, path, robot, own, fitted.notes)
+    wide = with_joints(robot, others.joints)
+    found = dict(zip(own.joints, own.q.T, strict=True))
+    found |= dict(zip(others.joints, others.q.T, strict=True))
+    q = np.stack([found[name] for name in wide.joint_names], axis=1)
+    whole = replace(own, joints=tuple(wide.joint_names), q=q)
+    return Shown(path.stem, path, wide, whole, fitted.notes)
 
 
 def named(shown: list[Shown]) -> list[Shown]:

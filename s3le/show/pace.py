@@ -36,6 +36,8 @@ _KIND_OF = {
     "held": HELD,
     "halted": HELD,
     "dropped": HELD,
+    "beyond": HELD,
+    "forced": HELD,
     "start": APPROACH,
     "lead_in": APPROACH,
 }

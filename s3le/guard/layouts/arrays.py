@@ -23,6 +23,7 @@ class Place(NamedTuple):
 
     keys: tuple[str, ...]  # one array of all joints, or one for each of the robot's
     columns: tuple[int, ...]  # of the one array; none: each joint has its own
+    skip: int = 0  # columns of a free base before all joints of the one array
 
 
 class Found(NamedTuple):
@@ -71,7 +72,7 @@ def read(
         some = matched.match(name, keys, robot)
         columns = {keys[i]: table[keys[i]] for i in some.joints}
         for one_of, values in columns.items():
-            if values.ndim != 1 or len(values) != len(columns[keys[some.own[0]]]):
+            if values.ndim != 1 or len(values) != len(columns[keys[some.joints[0]]]):
                 raise TrajectoryError(
                     f"{name}: '{one_of}' has shape {values.shape}; wanted one number a row, or all "
                     f"joints in one array called {', '.join(ANGLES)}"
@@ -86,7 +87,7 @@ def read(
         names, skip = placed(name, key, raw.shape[1], names)
         some = matched.match(name, names, robot)
         columns = {names[i]: raw[:, skip + i] for i in some.joints}
-        place = Place((key,), tuple(skip + i for i in some.own))
+        place = Place((key,), tuple(skip + i for i in some.own), skip)
         if skip:
             notes.append(f"the first {skip} columns of {key} are a free base and stay as they are")
         notes += matched.kept(some.strangers)

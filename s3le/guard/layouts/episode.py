@@ -14,6 +14,7 @@ import numpy as np
 
 from s3le.guard.layouts.numbers import Numbers
 from s3le.motion.fit import Others
+from s3le.motion.trajectory import Placed
 
 GUARDED = "guarded"  # mode of a row that was changed, in files that have a column of modes
 
@@ -47,6 +48,9 @@ class Layout(Protocol):
 
     path: Path
     episodes: list[Episode]
+
+    def root(self) -> Placed | None:
+        """Where the base link is, in a file of one motion; None: it does not say (roots.KNOWN)."""
 
     def write(
         self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None

@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from s3le.errors import TrajectoryError
-from s3le.guard.layouts import arrays, matched
+from s3le.guard.layouts import arrays, matched, roots
 from s3le.guard.layouts.episode import Episode
 from s3le.motion.columns import ANGLES, NAMES, RATES, STEPS, TIMES
+from s3le.motion.trajectory import Placed
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 
@@ -40,6 +41,15 @@ class Hdf5Layout:
         self.path = path
         self.episodes: list[Episode] = [it.found.episode for it in motions]
         self._motions = motions
+
+    def root(self) -> Placed | None:
+        """See Layout."""
+        motion = self._motions[0]
+        with _opened(self.path, self.path, "r") as file:
+            group = file[motion.group or "/"]
+            said = {key: _read(self.path, key, group[key]) for key in _own(group)
+                    if key.lower() in roots.NAMES}  # fmt: skip
+        return roots.of_arrays(dict(motion.table) | said, motion.found.place)
 
     def write(
         self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None

@@ -23,7 +23,7 @@ from s3le.guard.layouts import lerobot_stats, matched, parquet
 from s3le.guard.layouts.episode import Episode
 from s3le.motion.columns import placed
 from s3le.motion.parquet import numbers
-from s3le.motion.trajectory import times, twice
+from s3le.motion.trajectory import Placed, times, twice
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 
@@ -64,6 +64,10 @@ class LeRobotLayout:
     ) -> None:
         self.path, self.episodes = path, episodes
         self._rows, self._feature = rows, feature
+
+    def root(self) -> Placed | None:
+        """See Layout."""
+        return None
 
     def write(
         self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None

@@ -58,6 +58,8 @@ def match(name: str, columns: Sequence[str], robot: Geometry) -> Matched:
             near = get_close_matches(joint, strangers[:MOST_NEAR], n=1)
             hint = f"is it '{near[0]}'?" if near else f"the file has: {few(columns)}"
             raise TrajectoryError(f"{name}: joint '{joint}' of {robot.name} is missing; {hint}")
+    if not at:
+        raise TrajectoryError(f"{name}: has no joint of {robot.name}; it has: {few(columns)}")
     return Matched(sorted(at.values()), [at[joint] for joint in robot.joint_names], strangers)
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.lib import format as npy
 
 from s3le.errors import TrajectoryError
-from s3le.guard.layouts import arrays, claims, matched
+from s3le.guard.layouts import arrays, claims, matched, roots
 from s3le.guard.layouts.arrays import Found
 from s3le.guard.layouts.matched import ABOUT
 from s3le.motion.columns import ANGLES
 from s3le.motion.npz import MOST_BYTES, told
-from s3le.motion.trajectory import CLEARANCE, MODE
+from s3le.motion.trajectory import CLEARANCE, MODE, Placed
 from s3le.robot.model import Geometry
 from s3le.store import npz
 from s3le.store.atomic import replace
@@ -30,6 +30,10 @@ class NpzLayout:
     ) -> None:
         self.path, self.episodes = path, [found.episode]
         self._place, self._table, self._data = found.place, table, data
+
+    def root(self) -> Placed | None:
+        """See Layout."""
+        return roots.of_arrays(self._table, self._place)
 
     def write(
         self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
@@ -66,6 +70,10 @@ class NpyLayout:
     def __init__(self, path: Path, found: Found, array: np.ndarray) -> None:  # noqa: D107
         self.path, self.episodes = path, [found.episode]
         self._place, self._array = found.place, array
+
+    def root(self) -> Placed | None:
+        """See Layout."""
+        return None  # nobody says which of four numbers is w
 
     def write(
         self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None

@@ -9,11 +9,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from s3le.errors import TrajectoryError
-from s3le.guard.layouts import arrays, claims, matched
+from s3le.guard.layouts import arrays, claims, matched, roots
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import parquet
 from s3le.motion.columns import ANGLES, NAMES, RATES, STEPS, clock
-from s3le.motion.trajectory import CLEARANCE, MODE, twice
+from s3le.motion.trajectory import CLEARANCE, MODE, Placed, twice
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 
@@ -28,6 +28,17 @@ class ParquetLayout:
     ) -> None:
         self.path, self.episodes = path, [episode]
         self._table, self._how, self._place = table, how, place
+
+    def root(self) -> Placed | None:
+        """See Layout."""
+        table, path = self._table, self.path
+        some = roots.columns(table.column_names)
+        if some is not None:
+            names = [table.column_names[i] for i in some]
+            return roots.of_columns([parquet.numbers(path, n, table[n]) for n in names])
+        keys = [n for n in table.column_names if n.lower() in (*roots.NAMES, *ANGLES)]
+        read = {key: parquet.numbers(path, key, table[key]) for key in keys}
+        return roots.of_arrays(read, self._place)
 
     def write(
         self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from s3le.errors import TrajectoryError
-from s3le.guard.layouts import arrays, matched
+from s3le.guard.layouts import arrays, matched, roots
 from s3le.guard.layouts.arrays import Found
 from s3le.inert import pickles
 from s3le.motion.columns import ANGLES, NAMES, RATES, STEPS, TIMES
+from s3le.motion.trajectory import Placed
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 
@@ -34,6 +35,10 @@ class PickleLayout:
     ) -> None:
         self.path, self.episodes = path, [found.episode]
         self._place, self._table, self._data, self._at = found.place, table, data, at
+
+    def root(self) -> Placed | None:
+        """See Layout."""
+        return roots.of_arrays(self._table, self._place, xyzw=True)
 
     def write(
         self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from s3le.errors import TrajectoryError
-from s3le.guard.layouts import arrays, claims, matched
+from s3le.guard.layouts import arrays, claims, matched, roots
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import text
 from s3le.motion.columns import ANGLES, clock
-from s3le.motion.trajectory import CLEARANCE, MODE, runs, twice
+from s3le.motion.trajectory import CLEARANCE, MODE, Placed, runs, twice
 from s3le.robot.model import Geometry
 from s3le.store import documents
 from s3le.store.atomic import replace
@@ -28,10 +28,19 @@ class TextLayout:
     """A CSV, and what lies beside it."""
 
     def __init__(  # noqa: D107
-        self, path: Path, episode: Episode, table: "_Table", own: Sequence[int]
+        self, path: Path, episode: Episode, table: "_Table", own: Sequence[int], skip: int = 0
     ) -> None:
         self.path, self.episodes = path, [episode]
-        self._table, self._own = table, own
+        self._table, self._own, self._skip = table, own, skip
+
+    def root(self) -> Placed | None:
+        """See Layout."""
+        table = self._table
+        some = roots.columns(table.header) if table.header else list(range(self._skip))
+        if not some:
+            return None
+        found = table.columns({at: str(at) for at in some})
+        return roots.of_columns([found[at] for at in some])
 
     def write(
         self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
@@ -177,7 +186,7 @@ def open_csv(
             joints=text.listed(about) if joints is None else joints, degrees=degrees,
             given=given, about=about, numbered=True, first=1, row_is="line",
         )  # fmt: skip
-        return TextLayout(path, found.episode, table, found.place.columns)
+        return TextLayout(path, found.episode, table, found.place.columns, found.place.skip)
     return _with_names(path, table, robot, fps, degrees, given)
 
 
