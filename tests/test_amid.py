@@ -193,7 +193,8 @@ def test_what_is_not_decided_is_never_certified(monkeypatch):
 def test_a_pose_that_coal_refuses_is_never_certified(monkeypatch):
     its = guard()
     its.start(None, np.zeros(len(LEGS)))
-    monkeypatch.setattr(its._walker._coal, "one", lambda q: (MARGIN - 1e-9, 1.0))
+    for coal in (its._walker._coal, its._walker._coal_all):
+        monkeypatch.setattr(coal, "one", lambda q: (MARGIN - 1e-9, 1.0))
     step = its.step(g1().anchor, 0.01, given_next=np.zeros(len(LEGS)))
     assert not step.certified and step.reason.startswith("forced")
 

@@ -24,6 +24,7 @@ from s3le.plan.settings import Settings
 from s3le.plan.state import State, checked, pose
 from s3le.plan.steps import HOW, Step, Walker
 from s3le.robot.chain import Chain
+from s3le.robot.robot import Robot
 from s3le.robot.wholebody import WholeBody
 from s3le.safety import segment
 from s3le.safety.folded import Folded
@@ -67,20 +68,16 @@ class Amid(Walker):
         self._now = pose(given, k, "given joints")
         self._then: np.ndarray | None = self._now
         self._within = np.zeros(k)
-        chain = body.robot.chain
-        self._all = chain, swept(chain), segment.scratch(chain)
-        self._coal = body.robot.certifier()
+        self._all, self._ours = _proofs(body.every), _proofs(body.robot)
+        self._coal_all, self._coal = body.every.certifier(), body.robot.certifier()
         self._pose = body.robot.anchor.copy()
         # Corners of their bounds at which a pose is measured by coal: every other joint at one end.
         self._signs = np.where(np.arange(k)[None] % 2 == np.arange(2)[:, None], 1.0, -1.0)
         self._near = -1  # row of the pair that was nearest at the pose measured last
         self._bound = np.nan
         self._wanted: np.ndarray | None = None
-        self._rest: tuple | None = None
-        if body.rest is not None:
-            chain = body.rest.chain
-            self._rest = chain, swept(chain), segment.scratch(chain)
-            self._coal_rest = body.rest.certifier()
+        self._rest = None if body.rest is None else (_proofs(body.rest), body.rest.certifier())
+        self._whole = False  # the step found holds for pairs of given joints alone as well
         self.apart = ""  # two bodies that others alone moved too near to each other
         super().__init__(body.base, most, settings, q=q, skeleton=skeleton)
         self.put(self.state()._replace(clearance=self._found()))
@@ -142,7 +139,8 @@ class Amid(Walker):
         made = super().step(wanted, dt, starts)
         self.apart = ""
         if self._then is not None:
-            self.apart = self._apart(self._now, self._then)
+            if not self._whole:
+                self.apart = self._apart(self._now, self._then)
             self._now = self._then
         return made
 
@@ -173,13 +171,14 @@ class Amid(Walker):
         """Two bodies that given joints alone brought too near to each other; empty: none."""
         if self._rest is None or self.body.rest is None:
             return ""
+        proofs, coal = self._rest
         care, first = self._care, self._with(self._q, now).copy()
         last = self._with(self._q, then)
-        least, _ = self._coal_rest.one(last)
-        found = prove(*self._rest, first, last, care.between, care.budget)
+        least, _ = coal.one(last)
+        found = prove(*proofs, first, last, care.between, care.budget)
         if least >= self.robot.margin and found[0] == CERTIFIED:
             return ""
-        row = found[4] if found[0] == COLLIDES else self._coal_rest.nearest
+        row = found[4] if found[0] == COLLIDES else coal.nearest
         return self.body.rest.pair_name(int(row))
 
     def _settled(
@@ -214,6 +213,9 @@ class Amid(Walker):
         else:
             first, last = self._with(start, self._now).copy(), self._with(to, self._then)
             found = prove(*self._all, first, last, care.between, care.budget)
+            self._whole = found[0] == CERTIFIED
+            if not self._whole:  # it may be pairs that are not ours to part
+                found = prove(*self._ours, first, last, care.between, care.budget)
         self._bound = float(found[1])
         return bool(found[0] == CERTIFIED)
 
@@ -224,12 +226,15 @@ class Amid(Walker):
         if not least >= margin:
             return False
         if self.settings.check:
-            at = self.given
-            measured = [self.measure(to, at)]
+            places = [self.given]
             if self._then is None and self._within.any():
-                measured += [self.measure(to, at + one * self._within) for one in self._signs]
-            if not min(measured) >= margin:  # catches NaN
-                return False
+                places += [places[0] + one * self._within for one in self._signs]
+            for at in places:
+                # All pairs at once; only where one is too near it is asked whose.
+                good = self._coal_all.one(self._with(to, at))[0] >= margin
+                self._whole = self._whole and good
+                if not (good or self.measure(to, at) >= margin):  # catches NaN
+                    return False
         self._clearance = least
         return True
 
@@ -241,7 +246,8 @@ class Amid(Walker):
 
     @property
     def nearest(self) -> str:
-        """The two bodies that were nearest at the pose measured last."""
+        """The two bodies that are nearest of those that ours can part."""
+        self.measure(self._q, self.given)
         return self.body.robot.pair_name(self._near) if self._near >= 0 else ""
 
     def _with(self, q: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -269,7 +275,7 @@ class Amid(Walker):
         )
         whole = planned.copy()
         if self._then is not None:
-            chain, moved, scratch = self._all
+            chain, moved, scratch = self._ours
             own = self.body.own
             later = np.minimum(np.maximum(times, 0.0), _DRIFT + dt)[:, None]
             whole = np.empty((rows, len(self._pose)))
@@ -286,3 +292,8 @@ class Amid(Walker):
         to = np.empty_like(self._q)
         causal.brake(self._q, self._v, 0.5 * (before + dt), dt, self._bounds, to)
         return to
+
+
+def _proofs(robot: Robot) -> tuple[Chain, Swept, segment.Scratch]:
+    """What proving paths of a robot takes."""
+    return robot.chain, swept(robot.chain), segment.scratch(robot.chain)

@@ -110,7 +110,8 @@ class WholeBody:
 
     base: Robot  # of ours alone
     given: tuple[str, ...]
-    robot: Robot  # ours and given; watches the pairs that a joint of ours can part
+    every: Robot  # ours and given; watches all pairs
+    robot: Robot  # the same; watches the pairs that a joint of ours can part
     rest: Robot | None  # the same; watches the pairs that given joints alone move; None: no such
     own: np.ndarray  # int64 (n,), columns of ours among the joints of `robot`
     others: np.ndarray  # int64 (k,), of the given ones
@@ -154,6 +155,7 @@ def whole_body(robot: Robot, given: Sequence[str]) -> WholeBody:
     return WholeBody(
         base=robot,
         given=tuple(given),
+        every=wider,
         robot=replace(wider, pairs=tuple(ours)),
         rest=replace(wider, pairs=tuple(rest)) if apart else None,
         own=own,
