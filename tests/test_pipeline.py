@@ -268,7 +268,7 @@ def test_clips_may_lie_anywhere_and_a_change_in_them_is_seen(here, tmp_path):
 # --- the engine under dvc
 
 
-@pytest.mark.parametrize("kills", [3, pytest.param(8, marks=WIDE)])
+@pytest.mark.parametrize("kills", [1, pytest.param(8, marks=WIDE)])
 def test_killed_at_random_moments_the_next_run_ends_with_the_bytes_of_a_calm_one(here, kills):
     """kill -9 of dvc, of the stage, of a worker; with another number of workers each time."""
     luck, shelf = random.Random(3), here / "data" / "shards"
