@@ -5,6 +5,7 @@ robot is drawn from its capsules. One camera and one scale [pixels per metre] fo
 """
 
 import textwrap
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -109,7 +110,10 @@ def _strip(
     seen = round(wide * np.divide(*photos.pictures[0].shape[:2])) + _PAD if photos else 0
     width = max(_LABEL + n * (wide + _PAD) + _PAD, 760)
     title = style.wrapped(title, (width - 20) / style.DPI, 11.0, bold=True)
-    caption = textwrap.wrap(_caption(rows, kinds, camera), int((width - _LABEL) / 7.9))
+    letters, room = int((width - _LABEL) / 7.9), 0.95 * (width - _LABEL - 8) / style.DPI
+    words = _caption(rows, kinds, camera)
+    while max(map(partial(style.wide, size=7.0), caption := textwrap.wrap(words, letters))) > room:
+        letters -= 1
     head = 44 + 27 * (title.count("\n") + 1)
     height = head + seen + sum(heights) + _PAD * len(rows) + 26 + _LINE * len(caption)
     figure = style.figure(width / style.DPI, height / style.DPI)
