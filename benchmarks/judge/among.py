@@ -15,22 +15,18 @@ judged with the same code is not judged again, so a run that was stopped goes on
 """
 
 import hashlib
-import json
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
-from functools import cache
-from itertools import islice
-from multiprocessing import get_context
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import run
 import typer
 from engines import Coal
 from judging import Came, Judge, Promise
-from tqdm import tqdm
 
 from s3le.guard.guard import Guard
 from s3le.robot import model
@@ -225,25 +221,15 @@ def main(
         digest.update(path.read_bytes())
     digest.update(Robot.load(robot).tag.encode())
     shelf = work / f"given-{digest.hexdigest()[:16]}"
-    count, done = -(-steps // STEPS), {}
-    for i in range(count):
-        if (file := shelf / f"{i:06d}.json").is_file():
-            done[i] = json.loads(file.read_text("utf-8"))
+    count = -(-steps // STEPS)
+    done = {i: known for i in range(count) if (known := run.read(shelf / f"{i:06d}.json"))}
     stop = time.monotonic() + seconds if seconds > 0.0 else np.inf
-    todo = iter([i for i in range(count) if i not in done])
-    with (
-        ProcessPoolExecutor(workers, get_context("spawn")) as pool,
-        tqdm(total=count * STEPS, initial=len(done) * STEPS, unit="steps") as bar,
-    ):
-        running = {pool.submit(shard, robot, seed, i): i for i in islice(todo, workers)}
-        while running:
-            future = next(as_completed(running))
-            i = running.pop(future)
-            done[i] = future.result()
-            documents.write_json(done[i], shelf / f"{i:06d}.json")
+    todo = (i for i in range(count) if i not in done and time.monotonic() < stop)
+    with run.bar(count * STEPS, "steps", len(done) * STEPS) as bar:
+        for i, made in run.perform(partial(shard, robot, seed), todo, workers):
+            documents.write_json(made, shelf / f"{i:06d}.json")
+            done[i] = made
             bar.update(STEPS)
-            if time.monotonic() < stop and (more := next(todo, None)) is not None:
-                running[pool.submit(shard, robot, seed, more)] = more
     record: dict[str, Any] = {"robot": Robot.load(robot).tag, "seed": seed, "steps_planned": steps}
     print("| kind | steps | forced | not ours to change | broken | held legs: broken | least |")
     print("|---|---|---|---|---|---|---|")

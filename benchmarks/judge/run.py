@@ -15,10 +15,11 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any
@@ -78,20 +79,21 @@ def main(
         raise SystemExit(f"make judge: {error}") from None
     about = describe(court, seed)
     if search > 0.0:
-        found = hunt.search(court, search * 60.0, seed, _bar)
+        found = hunt.search(court, search * 60.0, seed, bar)
         documents.write_json(about | found, reports / "search.json")
         raise SystemExit(_say(found, reports / "search.json"))
     shelf = work / key(court, seed)
     count = -(-steps // shards.STEPS)
-    done = {i: known for i in range(count) if (known := _read(shelf / f"{i:06d}.json"))}
+    done = {i: known for i in range(count) if (known := read(shelf / f"{i:06d}.json"))}
     stop = time.monotonic() + seconds if seconds > 0.0 else np.inf
-    with _bar(count * shards.STEPS, "steps", len(done) * shards.STEPS) as bar:
+    with bar(count * shards.STEPS, "steps", len(done) * shards.STEPS) as shown:
         try:
             todo = (i for i in range(count) if i not in done and time.monotonic() < stop)
-            for i, made in perform(court, seed, todo, workers):
+            one = partial(court.shard if workers == 1 else shards.judged, seed)
+            for i, made in perform(one, todo, workers, shards.begin, (court.folder, court.source)):
                 documents.write_json(made, shelf / f"{i:06d}.json")
                 done[i] = made
-                bar.update(shards.STEPS)
+                shown.update(shards.STEPS)
         except KeyboardInterrupt:
             typer.echo("\nstopped; the same command goes on from here", err=True)
     if not done:
@@ -103,20 +105,31 @@ def main(
     raise SystemExit(_say(found, reports / "steps.json"))
 
 
-def perform(court: shards.Court, seed: int, todo: Iterable[int], workers: int) -> Any:
-    """Pairs (number, record) of the shards to do, in the order in which they are finished."""
+def perform(
+    one: Callable[[int], dict[str, Any]],
+    todo: Iterable[int],
+    workers: int,
+    begin: Callable[..., None] | None = None,
+    given: tuple = (),
+) -> Any:
+    """Pairs (number, record) of the shards to do, in the order in which they are finished.
+
+    Args:
+        one: judges a shard; here if there is one worker, else in processes of their own.
+        todo: numbers of the shards.
+        workers: processes.
+        begin, given: called once in each of these, and its arguments.
+    """
     if workers == 1:
         for i in todo:
-            yield i, court.shard(seed, i)
+            yield i, one(i)
         return
-    pool = ProcessPoolExecutor(
-        workers, get_context("spawn"), shards.begin, (court.folder, court.source)
-    )
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), begin, given)
     try:
         running, todo = {}, iter(todo)
         while True:
             while len(running) < 2 * workers and (i := next(todo, None)) is not None:
-                running[pool.submit(shards.judged, seed, i)] = i
+                running[pool.submit(one, i)] = i
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -213,11 +226,13 @@ def _pace(parts: Iterable[dict[str, Any]]) -> None:
         typer.echo(f"  {kind}: {count} steps, {count / seconds[kind]:.0f} a second and core")
 
 
-def _bar(total: float, unit: str, initial: float = 0) -> tqdm:
+def bar(total: float, unit: str, initial: float = 0) -> tqdm:
+    """How far the work is; none where nobody looks."""
     return tqdm(total=total, unit=unit, initial=initial, unit_scale=True, disable=None)
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def read(path: Path) -> dict[str, Any] | None:
+    """A shard that was judged before; None: there is none that is whole."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
