@@ -198,35 +198,31 @@ def audit(
 
 def certificate(robot: Robot, wanted: Demands, report: Report) -> dict[str, Any]:
     """What was shown of a trajectory that holds, and what was not, as JSON can hold it."""
-    hardest: dict[str, Any] = {}
+    more: dict[str, Any] = {}
     if wanted.acceleration is not None:
-        hardest["acceleration_rad_s2"] = {
+        more["acceleration_rad_s2"] = {
             name: _number(float(limit))
             for name, limit in zip(robot.joint_names, wanted.acceleration, strict=True)
         }
-    ranges = robot.description.ranges
-    told = {"given_ranges_rad": {name: list(ends) for name, ends in ranges.items()}}
-    return (
-        hardest
-        | (told if ranges else {})
-        | {
-            "robot": robot.name,
-            "robot_hash": robot.digest,
-            "poses": {"checked": report.rows, "by": "coal", "least_clearance_m": report.least},
-            "paths": {"proven": max(report.rows - 1, 0), "bound_m": _number(report.bound)},
-            "margin_m": wanted.margin,
-            "margin_between_m": wanted.margin_between,
-            "velocity_rad_s": {
-                name: _number(limit)
-                for name, limit in zip(robot.joint_names, wanted.velocity, strict=True)
-            },
-            "covers": "watched pairs of the modelled capsules on straight joint paths; "
-            "no dynamics, no tracking error",
-            "not_covered": not_covered(robot),
-            "not_covered_links": covered.tree(robot),
-            "holds": report.holds,
-        }
-    )
+    if ranges := robot.description.ranges:
+        more["given_ranges_rad"] = {name: list(ends) for name, ends in ranges.items()}
+    return more | {
+        "robot": robot.name,
+        "robot_hash": robot.digest,
+        "poses": {"checked": report.rows, "by": "coal", "least_clearance_m": report.least},
+        "paths": {"proven": max(report.rows - 1, 0), "bound_m": _number(report.bound)},
+        "margin_m": wanted.margin,
+        "margin_between_m": wanted.margin_between,
+        "velocity_rad_s": {
+            name: _number(limit)
+            for name, limit in zip(robot.joint_names, wanted.velocity, strict=True)
+        },
+        "covers": "watched pairs of the modelled capsules on straight joint paths; "
+        "no dynamics, no tracking error",
+        "not_covered": not_covered(robot),
+        "not_covered_links": covered.tree(robot),
+        "holds": report.holds,
+    }
 
 
 def not_covered(robot: Robot) -> list[dict[str, str]]:

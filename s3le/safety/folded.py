@@ -32,7 +32,6 @@ class Folded:
         whole, own, given = body.robot.chain, body.own, body.others
         far = swept(whole)
         self._whole, self._own, self._given = whole, own, given
-        frames = whole.moves.shape[0]
         depth = whole.moves[1:].sum(axis=1)
         before = np.where(whole.moves[:, own], depth[own], 0)  # (N + 1, n)
         last = np.where(before.any(axis=1), before.argmax(axis=1) + 1, 0)  # frames of `chain`
@@ -54,22 +53,17 @@ class Folded:
         self._share = np.array(between).reshape(len(source), len(given))  # [m/rad]
         self._thin = whole.body_radius[self._source]
         base, parts = body.base.chain, len(source)
-        lift = np.zeros((len(own) + 1, len(own)), np.bool_)
-        lift[1:] = whole.moves[1:][own][:, own]
-        self.chain = base._replace(
+        self.chain = base._replace(  # bodies of both are in the same order (with_joints)
             rotation=base.rotation.copy(),
             translation=base.translation.copy(),
-            moves=lift,
-            point_frame=last[whole.point_frame],
             point=base.point.copy(),
-            body_frame=last[whole.body_frame[self._source]],
+            body_frame=base.body_frame[self._source],
             body_a=np.empty((parts, 3)),
             body_b=np.empty((parts, 3)),
             body_radius=self._thin.copy(),
             pair=np.ascontiguousarray(pair),
         )
-        assert frames == len(self._near) and len(base.pair) == len(pair)
-        self._pose = np.zeros(frames - 1)
+        self._pose = np.zeros(len(whole.parent))
         self._place(body.robot.anchor[given])
         self._balls = reach(self.chain)
         # Levers of ours as they are at any angles of the given joints between.
