@@ -283,6 +283,41 @@ def test_what_is_said_of_given_joints_must_be_enough_and_a_pose(said, words):
                if before[key].dtype.kind != "U")  # fmt: skip
 
 
+def test_a_start_beyond_limits_is_refused_and_nothing_has_changed():
+    its, far = guard(), g1().anchor.copy()
+    its.start(hanging()[0], np.zeros(6))
+    far[0] = its.most.upper[0] + 0.3
+    with pytest.raises(CertificateError, match=r"0\.3000 rad beyond its limits"):
+        its.start(far, np.zeros(6))
+    np.testing.assert_array_equal(its.q, hanging()[0])
+
+
+def test_in_a_step_of_many_seconds_others_may_get_as_far_as_they_say():
+    """Ours are moved as in one second; where the others may be counts all of them."""
+    its, still = guard(), np.zeros(6)
+    its.start(g1().anchor, still)
+    assert its.step(None, 1.0, given=still, given_speed=0.01).certified
+    its.step(None, 9.0, given=still, given_speed=0.01)
+    np.testing.assert_allclose(its._walker._within, 0.09)
+    its.start(g1().anchor, still)
+    its.chunk(g1().anchor[None].repeat(3, axis=0), 4.0, given=still, given_speed=0.01, advance=True)
+    assert (
+        "0.1200 rad were allowed"
+        in its.step(None, 0.01, given=still + 0.2, given_next=still + 0.2).given
+    )
+
+
+def test_a_chunk_that_is_only_asked_for_takes_nobody_from_his_word():
+    its, still = guard(), np.zeros(6)
+    its.start(g1().anchor, still)
+    its.step(None, 0.01, given=still, given_speed=1.0)
+    its.chunk(g1().anchor[None], 0.01, given=still, given_next=still[None])
+    assert (
+        "0.0100 rad were allowed"
+        in its.step(None, 0.01, given=still + 0.05, given_next=still + 0.05).given
+    )
+
+
 def test_given_joints_by_name_may_be_among_all_joints_of_the_robot():
     its, every = guard(), dict.fromkeys([*g1().joint_names, *movable(g1())], 0.0)
     its.start(None, every)
@@ -368,3 +403,17 @@ def test_a_human_is_followed_among_legs_that_move():
     assert least(legged(), np.array(q), legs).min() >= BETWEEN
     with pytest.raises(ParameterError, match="given_next"):
         stream.step(seen[1], 0.01)
+    assert stream.step(seen[1], np.nan).mode is Mode.HELD  # no time: nothing is asked of others
+    still = np.zeros(len(LEGS))
+    said = stream.step(seen[1], 0.01, given=still + 0.3, given_next=still + 0.3)
+    assert "said to be" in said.given
+
+
+def test_a_frame_that_is_dropped_before_a_human_is_seen_may_be_forced_too():
+    seen = batch.skeletons(g1().chain, g1().anchor[None]).astype(np.float32)
+    look = LookUp(g1().anchor[None], neighbours.build(seen, "l2"), 1, None)
+    stream = Retargeter(g1(), look, Settings()).start(hanging()[0], given=LEGS)
+    up = raised()[30]
+    assert stream.step(None, 0.01, given=up, given_next=up).mode is Mode.FORCED
+    with pytest.raises(CertificateError, match="beyond its limits"):
+        stream.reset(hanging()[0] + 9.0)

@@ -39,10 +39,11 @@ from s3le.kernels import batch, threads
 from s3le.motion import files
 from s3le.motion.whole import joints
 from s3le.retarget import stored
-from s3le.retarget.among import BEYOND, FORCED, at_rows, convert_among, told
+from s3le.retarget.among import BEYOND, at_rows, convert_among, told
 from s3le.retarget.clips import retarget as contract
 from s3le.retarget.others import Other, read
 from s3le.retarget.propose import LookUp
+from s3le.retarget.rows import Mode
 from s3le.retarget.stream import Retargeter
 from s3le.robot.robot import Robot
 from s3le.search import neighbours
@@ -256,11 +257,11 @@ def test_a_leg_against_the_other_is_forced_and_the_exit_status_says_so(tmp_path,
     assert held["certificate"]["forced"] == held["forced"]
     (one,) = held["forced"]["runs"]
     made = files.read(tmp_path / "out/wave.parquet")
-    rows = np.flatnonzero(made.mode == FORCED)
+    rows = np.flatnonzero(made.mode == Mode.FORCED)
     assert (rows == np.arange(one["first_row"], one["last_row"] + 1)).all()
     with np.load(tmp_path / "out/wave.npz") as data:
         found = spare(data)
-    assert found[made.mode != FORCED].min() >= -EXACT and found[rows].min() < 0.0
+    assert found[made.mode != Mode.FORCED].min() >= -EXACT and found[rows].min() < 0.0
     audited = run("audit", tmp_path / "out/wave.parquet", *G1)
     assert audited.exit_code == shell.BROKEN and "not ours to change" in audited.output
     table = tables.read_frame(contract(0.0005), tmp_path / "out/retarget.parquet", g1().tag)
@@ -281,7 +282,10 @@ def test_a_hand_that_cannot_get_away_is_forced_and_listed_as_ours(tmp_path, monk
     made = files.read(tmp_path / "out/wave.parquet")
     with np.load(tmp_path / "out/wave.npz") as data:
         found = spare(data)
-    assert found[made.mode != FORCED].min() >= -EXACT and found[made.mode == FORCED].min() < 0.0
+    assert (
+        found[made.mode != Mode.FORCED].min() >= -EXACT
+        and found[made.mode == Mode.FORCED].min() < 0.0
+    )
     speed = np.abs(np.diff(made.q[:, : len(OURS)], axis=0)).max() * RATE
     assert speed <= 0.0015 * 37.0 * (1.0 + 1e-6)
 

@@ -162,6 +162,22 @@ def test_a_range_of_a_joint_that_carries_ours_is_refused(tmp_path):
         Robot.load(file)
 
 
+@pytest.mark.parametrize("ranged", ["left_knee_joint", "right_knee_joint"])
+def test_a_range_of_a_joint_that_mimics_or_is_mimicked_is_refused(tmp_path, ranged):
+    """The other one would move too, where nobody looks."""
+    file = written(tmp_path, {ranged: [0.0, 0.5]})
+    text = (tmp_path / "g1.urdf").read_text("utf-8")
+    head, tail = text.split('<joint name="right_knee_joint"', 1)
+    tail = tail.replace("</joint>", '<mimic joint="left_knee_joint"/></joint>', 1)
+    (tmp_path / "g1.urdf").write_text(f'{head}<joint name="right_knee_joint"{tail}', "utf-8")
+    with pytest.raises(RobotError, match="mimics 'left_knee_joint'"):
+        Robot.load(file)
+
+
+def test_names_of_a_urdf_may_hold_the_sign_of_parts():
+    assert ranges.origin("left~2_0") == "left~2_0" and ranges.origin("left~2_0~7") == "left~2_0"
+
+
 def test_a_motion_that_says_what_the_legs_do_is_held_to_that_instead(folder):
     body = whole_body(ranged(folder), tuple(standing()))
     assert not body.base.description.ranges

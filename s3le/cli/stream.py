@@ -69,10 +69,10 @@ def stream(
 
     with shell.guarded():
         if joints:
-            begin = _of_joints(robot, model, method, rate, _names(given), given_speed)
+            begin = _of_joints(robot, model, method, rate, shell.names(given), given_speed)
         else:
             begin = _of_a_human(
-                robot, model, method, rate, radians(tilt_max), _names(given), given_speed
+                robot, model, method, rate, radians(tilt_max), shell.names(given), given_speed
             )
         if listen is not None:
             _listen(listen, begin)
@@ -85,17 +85,13 @@ def stream(
         live.serve(begin(), live.lines(sys.stdin.buffer), say)
 
 
-def _names(given: str | None) -> list[str] | str | None:
-    return given if given in (None, "all") else [name.strip() for name in str(given).split(",")]
-
-
 def _of_a_human(
     robot: str | None,
     model: Path | None,
     method: str | None,
     rate: float,
     tilt: float,
-    given: list[str] | str | None,
+    given: list[str] | None,
     speed: float | None,
 ) -> Callable:
     """What begins a stream of either kind."""
@@ -119,7 +115,7 @@ def _of_joints(
     model: Path | None,
     method: str | None,
     rate: float,
-    given: list[str] | str | None,
+    given: list[str] | None,
     speed: float | None,
 ) -> Callable:
     """What begins a stream of joints; kernels are compiled before the first line."""

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from s3le.guard.given import Told
 from s3le.plan.state import State
 
 
@@ -41,4 +42,4 @@ class Kept(NamedTuple):
     before: float
     led_out: int
     stopped: bool
-    others: np.ndarray | None
+    others: tuple[np.ndarray, Told | None] | None  # Given.keep

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s3le.errors import ParameterError
+from s3le.errors import CertificateError, ParameterError
 from s3le.guard.wanted import Reader
 from s3le.plan import amid
 from s3le.plan.amid import Amid
@@ -67,25 +67,32 @@ class Given:
         )
         self._fresh = self.walker.state()
 
-    @property
-    def at(self) -> np.ndarray | None:
-        """Where they were to be after the last step [rad], (k,)."""
-        return self.walker.given
+    def keep(self) -> tuple[np.ndarray, Told | None]:
+        """Where they were to be after the last step [rad], (k,), and what was said of it."""
+        return self.walker.given, self._last
 
-    @at.setter
-    def at(self, given: np.ndarray | None) -> None:
-        self._last = None
-        if given is not None:
-            self.walker.others(given, then=given)
+    def put(self, given: np.ndarray, last: Told | None = None) -> None:
+        """Go back to what `keep` gave."""
+        self.walker.others(given, then=given)
+        self._last = last
 
     def start(self, q: np.ndarray, given: object) -> float:
         """Begin with ours at q (n,) and them where they are said to be; the clearance there [m].
 
         Raises:
             ParameterError: given is no pose of theirs.
+            CertificateError: q is beyond limits. Nothing has changed.
         """
         at = self._held if given is None else self._reader.pose(given, "the given joints")
-        self.at = at
+        most = self.walker.most
+        beyond = np.maximum(most.lower - q, q - most.upper)
+        if not beyond.max(initial=-np.inf) <= 0.0:  # catches NaN
+            joint = int(beyond.argmax())
+            raise CertificateError(
+                f"{self.walker.robot.joint_names[joint]} stands at {q[joint]:.4f} rad, "
+                f"{beyond[joint]:.4f} rad beyond its limits; among given joints no way leads back"
+            )
+        self.put(at)
         clearance = self.walker.measure(q, at)
         self.walker.put(self._fresh._replace(q=q, clearance=clearance))
         return clearance

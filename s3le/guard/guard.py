@@ -164,7 +164,6 @@ class Guard:
         """
         at = self.robot.anchor if q is None else self._reader.pose(q, "the pose of the robot")
         if self._others:
-            at = np.clip(at, self.most.lower, self.most.upper)
             clearance = self._others.start(at, given)
             self._stand(at, self._fresh._replace(q=at, clearance=clearance), None)
             return
@@ -227,7 +226,7 @@ class Guard:
             StateError: the measured pose is too far from where it should be. A stop is latched; the
                 next row brakes.
         """
-        dt = min(duration(dt, SHORTEST), LONGEST)
+        dt = duration(dt, SHORTEST)
         wanted, told, note = None, None, ""
         if q_wanted is not None and not self._stopped:
             wanted = self._reader.pose(q_wanted)
@@ -239,7 +238,7 @@ class Guard:
             self._compare(measured)
         if self._others and told:
             note = self._others.broken(told)
-        return self._row(wanted, dt, told)._replace(given=note)
+        return self._row(wanted, min(dt, LONGEST), told)._replace(given=note)
 
     def chunk(
         self,
@@ -269,7 +268,7 @@ class Guard:
         if np.ndim(dt) not in (0, 1) or (np.ndim(dt) == 1 and np.shape(dt) != (h,)):
             raise ParameterError(f"dt must be one number or {h} [s], got {np.shape(dt)}")
         every = [dt] * h if np.ndim(dt) == 0 else list(np.asarray(dt))
-        each = [min(duration(one, SHORTEST), LONGEST) for one in every]
+        each = [duration(one, SHORTEST) for one in every]
         if not isinstance(advance, (bool, int, np.integer)) or not 0 <= advance <= h:
             raise ParameterError(f"advance must be true, false or 0 to {h} rows, got {advance!r}")
         driven = h if advance is True else int(advance)
@@ -282,7 +281,9 @@ class Guard:
             self._compare(measured)
         kept, made = self._keep(), []
         for row, one, said in zip(rows, each, told, strict=True):
-            made.append(self._row(None if self._stopped else row, one, said))
+            if self._others and said:
+                self._others.broken(said)  # from here on it is this that they have to keep
+            made.append(self._row(None if self._stopped else row, min(one, LONGEST), said))
             if len(made) == driven:
                 kept = self._keep()
         self._return(kept)
@@ -354,13 +355,13 @@ class Guard:
         leaving = None if lead is None else (lead.way, lead.leg, lead.share, lead.rate)
         return Kept(
             self._walker.state(), leaving, self._q, self._v, self._came, self._before,
-            self._led_out, self._stopped, None if self._others is None else self._others.at,
+            self._led_out, self._stopped, None if self._others is None else self._others.keep(),
         )  # fmt: skip
 
     def _return(self, kept: Kept) -> None:
         self._walker.put(kept.walker)
-        if self._others:
-            self._others.at = kept.others
+        if self._others and kept.others:
+            self._others.put(*kept.others)
         self._leaving = None
         if kept.leaving is not None:
             way, leg, share, rate = kept.leaving
@@ -379,7 +380,7 @@ class Guard:
             "pace": walker.pace, "flag": walker.flag,
             "around": walker.way, "out": way, "leg": leg, "share": share, "rate": rate,
             "led_out": kept.led_out, "stopped": kept.stopped,
-        } | ({"given": kept.others} if kept.others is not None else {})  # fmt: skip
+        } | ({} if kept.others is None else {"given": kept.others[0]})  # fmt: skip
         return {name: np.array(value) for name, value in found.items()}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
@@ -408,7 +409,7 @@ class Guard:
                 number["flag"], number["around"],
             )  # fmt: skip
             if self._others:
-                self._others.at = number["given"]
+                self._others.put(number["given"])
             self._walker.restore(walker)
             self._leaving = None
         else:

@@ -19,7 +19,7 @@ from s3le.errors import CertificateError, ParameterError
 from s3le.kernels.solver import clearance_of
 from s3le.plan import causal
 from s3le.plan.giveway import GiveWay, Terms
-from s3le.plan.limits import ROUNDING, Limits
+from s3le.plan.limits import ROUNDING, SHORTEST, Limits
 from s3le.plan.settings import Settings
 from s3le.plan.state import State, checked, pose
 from s3le.plan.steps import HOW, Step, Walker
@@ -80,13 +80,11 @@ class Amid(Walker):
         self._whole = False  # the step found holds for pairs of given joints alone as well
         self.apart = ""  # two bodies that others alone moved too near to each other
         super().__init__(body.base, most, settings, q=q, skeleton=skeleton)
-        self.put(self.state()._replace(clearance=self._found()))
 
     def _bodies(self) -> tuple[Chain, Swept]:
         return self._fold.chain, self._fold.swept
 
     def _found(self) -> float:
-        self._fold.stand(self._now)
         return self.measure(self._q, self._now)
 
     @property
@@ -132,6 +130,8 @@ class Amid(Walker):
 
     def step(self, wanted: np.ndarray | None, dt: float, starts: np.ndarray | None = None) -> Step:
         """Where ours are to be dt later; as Walker.step, among the others."""
+        if not dt >= SHORTEST:  # no time, nothing moves; catches NaN
+            return super().step(wanted, dt, starts)
         self.see()
         clear = float(clearance_of(self._chain, self._swept.balls, self._q))
         self._clearance = max(clear, self._care.margin)  # of the reserve: what there is of it

@@ -33,7 +33,6 @@ from s3le.skeleton import DIM
 from s3le.types import Progress
 
 BEYOND = "beyond"  # mode of a row before the clip begins or after it ends
-FORCED = "forced"  # mode of a row that is not certified, or to which no certified path leads
 
 
 def at_rows(frames: ClipFrames, read: Read, offset: float) -> tuple[ClipFrames, slice]:
@@ -136,7 +135,7 @@ def convert_among(
     words = mode.astype(object)
     words[: inside.start], words[inside.stop :] = BEYOND, BEYOND
     for run in made.forced:
-        words[run.first : run.last + 1] = FORCED
+        words[run.first : run.last + 1] = Mode.FORCED
     words = words.astype(str)
     offset = float(read.time[0]) + other.offset
     certificate = guard.certificate([episode], [made.after])

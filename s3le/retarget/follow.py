@@ -1,6 +1,7 @@
 """The one way to follow skeletons in time, from first to last: knowing what comes, or not."""
 
 import time as clock
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -30,7 +31,7 @@ class Follows(Protocol):
 
     robot: Robot
 
-    def start(self, q: np.ndarray | None = None) -> Streams:
+    def start(self, q: np.ndarray | None = None, *, given: Sequence[str] | None = None) -> Streams:
         """A new stream; see Retargeter.start."""
 
     def plan(
@@ -138,12 +139,12 @@ def frame_by_frame(
     start: np.ndarray | None,
     progress: Progress | None,
 ) -> Rows:
-    """As a stream has to, which does not know what comes."""
-    stream, rows = retargeter.start(start), []
+    """As a stream has to, which does not know what comes; given joints stand as they are held."""
+    stream, rows = retargeter.start(start, given=()), []
     for frame, step in zip(x, dt, strict=True):
         began = clock.perf_counter()
         row = stream.step(frame, step)
-        rows.append((*row, clock.perf_counter() - began))
+        rows.append((*row[:6], clock.perf_counter() - began))
         if progress:
             progress(1)
     return rows_of(rows)

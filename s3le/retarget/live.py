@@ -117,6 +117,7 @@ class Live:
             "heading": heading,
             "mode": made.mode,
             "clearance": made.clearance,
+            **({"given": made.given} if made.given else {}),
         }
 
     def _said_of_joints(self, given: dict[str, Any], dt: float) -> dict[str, Any]:

@@ -52,6 +52,7 @@ class Step(NamedTuple):
     bound: float  # [m], proven of the path that leads to it
     distance: float  # mean cosine distance to the human as wanted; NaN: no human yet
     wanted: float  # the same of the pose that would have been the answer without the guard
+    given: str = ""  # what others did otherwise than was said of the step before; empty: nothing
 
 
 class Stream:
@@ -79,6 +80,7 @@ class Stream:
         self._want, self._found = np.zeros(its.robot.n_dof), np.zeros(3)
         self._calm, self._leading = Calm(its.settings), q is not None
         self._x: np.ndarray | None = None  # the skeleton last wanted
+        self._word = ""  # what others did otherwise than they said
         self._walker: Walker | None = None
         if q is not None:
             self._want = _pose(q, its.robot.n_dof)
@@ -133,21 +135,23 @@ class Stream:
             dt = float(dt)
         except (TypeError, ValueError, OverflowError):
             raise ParameterError(f"dt must be a number, got {dt!r}") from None
+        if walker and not dt >= SHORTEST:  # catches NaN
+            return self._still(walker.step(None, dt), Mode.HELD)
+        self._word = ""
         if self._others:
             told = self._others.told(given, given_next, given_speed, dt)
+            self._word = self._others.broken(told)
             self._others.walker.others(*told)
             self._others.walker.see()
         else:
             refuse(given, given_next, given_speed)
-        if walker and not dt >= SHORTEST:  # catches NaN
-            return _still(walker.step(None, dt), Mode.HELD)
         if usable is not None:
             self._x = self._calm(usable, dt)
         elif walker is None:
             raise ParameterError("the first frame of a stream has no seven finite vectors")
         if self._x is None:
             assert walker is not None  # else a frame was asked for above
-            return _still(walker.step(None, dt), Mode.DROPPED)
+            return self._still(walker.step(None, dt), Mode.DROPPED)
         starts = its.propose(self._x)
         last = self._want.copy()
         here = walker.q if walker else last
@@ -158,10 +162,9 @@ class Stream:
         if walker:
             made = walker.step(self._want, dt, starts)
             mode = _HOW.get(made.how, Mode.LOOKUP if found == LOOKUP else Mode.REFINED)
-            if not made.certified:
-                mode = Mode.FORCED if self._others else Mode.HALTED
-            elif self._others and self._others.walker.apart:
-                mode = Mode.FORCED
+            if not self._others and not made.certified:
+                mode = Mode.HALTED
+            mode = self._forced(made, mode)
             return self._answer(self._x, made.q, mode, made.clearance, made.bound, usable is None)
         if found == NOTHING:
             self._want[:] = its.robot.anchor
@@ -188,7 +191,19 @@ class Stream:
                 mode = Mode.DROPPED
             elif self._leading and mode is not Mode.FORCED:
                 mode = Mode.LEAD_IN
-        return Step(q, mode, clearance, bound, far, wanted)
+        return Step(q, mode, clearance, bound, far, wanted, self._word)
+
+    def _still(self, made: steps.Step, mode: Mode) -> Step:
+        """What is answered where no human has been seen."""
+        return Step(
+            made.q, self._forced(made, mode), made.clearance, made.bound, np.nan, np.nan, self._word
+        )
+
+    def _forced(self, made: steps.Step, mode: Mode) -> Mode:
+        """The mode of a step; forced, if given joints left no certified way."""
+        if self._others and (not made.certified or self._others.walker.apart):
+            return Mode.FORCED
+        return mode
 
 
 class Retargeter:
@@ -342,11 +357,6 @@ class Retargeter:
         others = Given(body, self.most, self.settings.planning(check), given_speed, skeleton=True)
         others.walker.warm_up()
         return Stream(self, self.robot.anchor if q is None else q, check, others)
-
-
-def _still(made: steps.Step, mode: Mode) -> Step:
-    """What is answered where no human has been seen."""
-    return Step(made.q, mode, made.clearance, made.bound, np.nan, np.nan)
 
 
 def _pose(q: np.ndarray, n_dof: int) -> np.ndarray:

@@ -16,6 +16,7 @@ halved, and cores too, where a body is made thickest, until a body has its share
 """
 
 import heapq
+import re
 from itertools import count
 from typing import NamedTuple
 
@@ -239,7 +240,7 @@ def _turning(
 
 def origin(body: str) -> str:
     """The body of the URDF that a body is, or is a part of what it sweeps."""
-    return body.partition(PART)[0]
+    return re.sub(rf"{PART}\d+$", "", body)  # names in a URDF may hold the sign too
 
 
 def _object(

@@ -87,14 +87,20 @@ def refuse_mimicry(text: Description, root: ElementTree.Element) -> None:
     """Refuse a joint that would move although the model has it standing still.
 
     Raises:
-        RobotError: a moving joint mimics another, one that is held mimics a moving one, or it is
-            held at another angle than it has when its master is held where it is.
+        RobotError: a moving joint mimics another, one that is held mimics a moving one, one of the
+            two has a range, or it is held at another angle than it has when its master is held
+            where it is.
     """
     for item in root.findall("joint"):
         mimic, name = item.find("mimic"), item.get("name", "")
         if mimic is None:
             continue
         master = mimic.get("joint", "")
+        if ranged := next((one for one in (name, master) if one in text.ranges), ""):
+            raise RobotError(
+                f"{text.source}: given.{ranged}: joint '{name}' mimics '{master}', which is not "
+                "modelled for ranges; leave the range out, or remove <mimic>"
+            )
         if name in text.joints:
             raise RobotError(
                 f"{text.urdf}: joint '{name}' mimics '{master}' and cannot move by itself; take it "
