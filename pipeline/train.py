@@ -1,14 +1,13 @@
 """Stage `train@METHOD`: tuples and domain data -> data/model-METHOD.safetensors (Sec. V-B)."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, fields, make_dataclass
 from pathlib import Path
-from typing import ClassVar
 
 from pipeline.stage import knob, launch, read, steps_bar
 from s3le.errors import ParameterError
 from s3le.human.tables import MOCAP_DOMAIN
 from s3le.learn import gather
-from s3le.learn.gather import CHOICES, Training
+from s3le.learn.settings import ALL, TRAIN, Training
 from s3le.robot.robot import Robot
 from s3le.store import documents, tables
 from s3le.tuples.tables import kinematic_pairs, mocap_pairs, robot_poses
@@ -20,78 +19,21 @@ CURVES = Path("reports/training")
 CHECKPOINT_EVERY = 250  # steps; how often is no parameter, for it changes no result
 
 
-@dataclass(frozen=True, kw_only=True)
-class Params:
-    """What all trainings share."""
-
-    section: ClassVar[str] = "train"
-    beta: float = knob("weight of latent prior fitting [-]", at_least=0, shared=True)
-    seed: int = knob("root of the trainings' own random streams", at_least=0)
-    latent: int = knob("dimension of Z", at_least=1, at_most=4096)
-    hidden: int = knob("units of a hidden layer", at_least=1, at_most=8192)
-    layers: int = knob("hidden layers", at_least=1, at_most=16)
-    first_gain: float = knob("of the first layers' weights", at_least=1e-3, at_most=100)
-    learning_rate: float = knob("of encoders and decoders", at_least=1e-9, at_most=1)
-    second_moment: float = knob("decay of Adam's squared gradients", at_least=0.5, at_most=0.9999)
-    schedule: str = knob("of both learning rates", one_of=CHOICES["schedule"])
-    warm_up: int = knob("steps of linear rise", at_least=0)
-    weight_decay: float = knob("decoupled", at_least=0, at_most=1)
-    precision: str = knob("of matrix products", one_of=CHOICES["precision"])
-    history_every: int = knob("steps averaged into one point of a curve", at_least=1)
+def _section(name: str, doc: str) -> type:
+    """The settings of a training that a section of params.yaml holds, as its parameters."""
+    knobs = []
+    for s in fields(Training):
+        about = s.metadata
+        if about and name in about["of"]:
+            least, most = about["range"]
+            shown = {"at_least": least, "at_most": most, "one_of": about["one_of"]}
+            knobs.append((s.name, s.type, knob(about["doc"], **shown, shared=about["top"])))
+    space = {"section": name, "__doc__": doc}
+    return make_dataclass(name, knobs, frozen=True, kw_only=True, namespace=space)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Own:
-    """What every method sets for itself."""
-
-    steps: int = knob("optimiser steps", at_least=1)
-    batch_pairs: int = knob("mocap tuples a step; 0: none", at_least=0)
-    batch_domain: int = knob("rows a step of each domain's own data", at_least=1)
-    weight_recon_x: float = knob("weight of c in X", at_least=0)
-    weight_recon_q: float = knob("weight of c in Y", at_least=0)
-    consensus_kind: str = knob("form of the consensus", one_of=CHOICES["consensus_kind"])
-    weight_consensus: float = knob("weight of the latent consensus", at_least=0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Wasserstein(_Own):
-    """What the two methods with Wasserstein autoencoders set."""
-
-    prior: str = knob("latent prior", one_of=CHOICES["prior"])
-    prior_rows: str = knob("latents held to it", one_of=CHOICES["prior_rows"])
-    adversary_rate: float = knob("learning rate of the discriminators", at_least=1e-9, at_most=1)
-    prior_fit: str = knob("how the prior is fitted", one_of=CHOICES["prior_fit"])
-    reconstruct: str = knob("what x~ decodes to", one_of=CHOICES["reconstruct"])
-    mixup: bool = knob("use x' among the pairs")
-    weight_x_to_q: float = knob("weight of decoding x~ to q-bar; not in the paper", at_least=0)
-    weight_q_to_x: float = knob("weight of decoding q-bar to x-bar; not in the paper", at_least=0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class S3le(_Wasserstein):
-    """What S3LE alone sets."""
-
-    section: ClassVar[str] = "s3le"
-    tau: float = knob("temperature of NT-Xent [-]", at_least=1e-6, shared=True)
-    batch: int = knob("kinematic tuples a step; 0: none", at_least=0)
-    weight_nt_xent: float = knob("weight of NT-Xent", at_least=0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Lwl2(_Wasserstein):
-    """What LWL2 sets: no kinematic tuples, no contrast."""
-
-    section: ClassVar[str] = "lwl2"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Ale(_Own):
-    """What ALE sets: two variational autoencoders with one latent space."""
-
-    section: ClassVar[str] = "ale"
-
-
-METHODS = {"s3le": S3le, "lwl2": Lwl2, "ale": Ale}
+Params = _section(TRAIN, "What all trainings share.")
+METHODS = {method: _section(method, f"What {method} sets for itself.") for method in ALL}
 
 
 def main(method: str) -> None:

@@ -278,7 +278,7 @@ def test_of_two_runs_at_once_one_completes_and_the_other_says_who_is_in_its_way(
     assert files(here, FIRST) == calm
 
 
-@pytest.mark.parametrize("stage", ["pair", "sample", "train@s3le"])
+@pytest.mark.parametrize("stage", ["pair", "sample", pytest.param("train@s3le", marks=WIDE)])
 def test_the_same_stage_twice_at_once_writes_the_same_bytes(here, stage):
     calm = files(here, [stage])
     forget(here, [stage])

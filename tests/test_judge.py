@@ -22,7 +22,7 @@ NAMES = (
     "engines", "continuous", "judging", "streams", "plans", "joints", "shards", "hunt", "run",
     "among",
 )  # fmt: skip
-STEPS, STEPS_BY_MUJOCO, STEPS_BY_HPP, STEPS_UNGUARDED = 5000, 500, 1000, 250
+STEPS, STEPS_BY_MUJOCO, STEPS_BY_HPP, STEPS_UNGUARDED = 3000, 500, 1000, 250
 SAME = 1e-9  # [m], two engines on the same capsules
 
 
@@ -67,7 +67,7 @@ def scripts(rooms):
 
 @pytest.fixture(scope="module")
 def steps(rooms):
-    """The first 5,000 steps of them: q0, q1, dt, free0, free1, mode, what went before."""
+    """The first steps of them: q0, q1, dt, free0, free1, mode, what went before."""
     rows = []
     for it, script in scripts(rooms):
         made = rooms.streams.drive(it, script)

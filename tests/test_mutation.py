@@ -88,6 +88,7 @@ def test_every_room_names_files_and_tests_that_are_there(asked):
             assert (ROOT / name).is_file(), name
 
 
+@pytest.mark.wide
 def test_a_mutant_that_a_test_sees_is_killed_and_one_that_none_sees_survives(asked, tmp_path):
     folder = tmp_path / "project"
     (folder / "s3le").mkdir(parents=True)

@@ -268,7 +268,8 @@ def test_clips_may_lie_anywhere_and_a_change_in_them_is_seen(here, tmp_path):
 # --- the engine under dvc
 
 
-@pytest.mark.parametrize("kills", [1, pytest.param(8, marks=WIDE)])
+@WIDE  # a kill of each way of writing is in test_disasters, a dozen of the engine in test_engine
+@pytest.mark.parametrize("kills", [1, 8])
 def test_killed_at_random_moments_the_next_run_ends_with_the_bytes_of_a_calm_one(here, kills):
     """kill -9 of dvc, of the stage, of a worker; with another number of workers each time."""
     luck, shelf = random.Random(3), here / "data" / "shards"

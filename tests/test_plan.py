@@ -12,7 +12,7 @@ from s3le.kernels import batch
 from s3le.plan import chase, interior, limits, rounds, weights, whole
 from s3le.plan.banded import factor, solve_with
 from s3le.plan.settings import Settings
-from s3le.plan.steps import Walker, walk
+from s3le.plan.steps import Walker
 from s3le.plan.whole import DRIVEN, Planner
 from s3le.robot.robot import Robot
 from s3le.safety.judge import Judge
@@ -28,6 +28,17 @@ ROUNDED = 1.0 + 1e-9
 @cache
 def planner() -> Planner:
     return Planner(coman())
+
+
+def walk(walker, times, wanted):
+    """Follow wanted poses from where a walker is, which is row 0: rows, how each came about."""
+    q, how = [walker.q], ["start"]
+    for row in range(1, len(times)):
+        step = walker.step(wanted[row], times[row] - times[row - 1])
+        assert step.certified, row
+        q.append(step.q)
+        how.append(step.how)
+    return np.array(q), how
 
 
 def clear_poses(n: int, seed: int, made: Robot | None = None) -> np.ndarray:
@@ -292,7 +303,16 @@ def test_the_interior_point_method_finds_what_an_active_set_method_finds():
     p.q[:] = 0.1
     times = np.cumsum(rng.uniform(0.02, 0.05, m))
     lower, upper = np.full(n, -0.4), np.full(n, 0.5)
-    rounds.bound(p, m, times, lower, upper, np.full(n, SPEED), np.full(n, ACCELERATION))
+    rounds.bound(
+        p,
+        m,
+        times,
+        limits.changing(times),
+        lower,
+        upper,
+        np.full(n, SPEED),
+        np.full(n, ACCELERATION),
+    )
     for t in range(m):
         root = rng.normal(size=(n, n))
         p.H[t] = root @ root.T + 0.1 * np.eye(n)

@@ -197,7 +197,7 @@ def test_bounds_on_travel_are_the_printed_sums(arms, paths):
     shape = len(chain.body_frame), JOINTS + 1
     for q0, q1 in paths[::9]:
         travel, bend = np.full(shape, np.nan), np.full(shape, np.nan)
-        travels(chain, swept(chain), q0, q1, travel, bend)
+        travels(chain, swept(chain), np.abs(q1 - q0), np.zeros(len(q0)), travel, bend)
         v, a = bounds_of(arms, q0, q1)
         assert {tuple(at) for at in np.argwhere(np.isfinite(travel))} == set(v)
         for at in v:

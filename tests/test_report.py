@@ -51,7 +51,9 @@ def test_a_failed_save_leaves_the_old_picture_and_no_scrap(tmp_path, monkeypatch
 # --- bars
 
 
-@pytest.mark.parametrize(("n", "widest"), [(1, 1300), (5, 1300), (44, 2400)])
+@pytest.mark.parametrize(
+    ("n", "widest"), [(1, 1300), (5, 1300), pytest.param(44, 2400, marks=pytest.mark.wide)]
+)
 def test_bars_grow_with_the_motions_and_stay_printable(tmp_path, n, widest):
     width, height = twice(
         tmp_path, lambda path: bars.draw(path, rows_of("test", n), METHODS, "COMAN")

@@ -245,7 +245,7 @@ def test_no_point_of_a_body_travels_or_turns_aside_more_than_its_bound(request, 
     chain, n = made.chain, 40
     shape = (len(chain.body_frame), len(q0) + 1)
     travel, bend = np.full(shape, np.nan), np.full(shape, np.nan)
-    travels(chain, swept(chain), q0, q1, travel, bend)
+    travels(chain, swept(chain), np.abs(q1 - q0), np.zeros(len(q0)), travel, bend)
     carries = np.isfinite(travel)
     assert np.array_equal(carries.any(axis=1), np.full(shape[0], True))
     course = courses(made, q0, q1, n)
@@ -263,7 +263,7 @@ def test_the_travel_bound_is_reached_by_a_joint_that_swings_a_straight_arm(arms)
     q1[shoulder] = 0.7
     shape = (len(names), 5)
     travel, bend = np.zeros(shape), np.zeros(shape)
-    travels(arms.chain, swept(arms.chain), np.zeros(4), q1, travel, bend)
+    travels(arms.chain, swept(arms.chain), np.abs(q1), np.zeros(4), travel, bend)
     far = 0.3 + 0.2  # [m], upper arm and the far end of the forearm's core
     assert travel[forearm, 0] == pytest.approx(0.7 * far, abs=ALGEBRA)
     assert bend[forearm, 0] == pytest.approx(0.49 * far, abs=ALGEBRA)

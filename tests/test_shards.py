@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -149,11 +150,17 @@ def test_what_the_manifest_says_is_the_same_wherever_the_rows_were_made(files):
 # --- refusals
 
 
-@pytest.fixture
-def made(files, tmp_path):
-    out = tmp_path / "out"
-    run.produce(pose_task(files), 700, out, run.Where(), lambda *_: 0, print, tmp_path / "shelf")
+@pytest.fixture(scope="module")
+def first(files, tmp_path_factory):
+    out = tmp_path_factory.mktemp("first") / "out"
+    run.produce(pose_task(files), 700, out, run.Where(), lambda *_: 0, print, out.parent / "shelf")
     return out
+
+
+@pytest.fixture
+def made(first, tmp_path):
+    """A table in shards that a test may spoil."""
+    return shutil.copytree(first, tmp_path / "out")
 
 
 def refusal(out: Path) -> str:

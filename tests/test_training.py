@@ -276,11 +276,14 @@ def test_a_loss_that_is_not_finite_names_step_and_term(monkeypatch, term):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"tau": 0.0}, "tau must be a finite float above 0, got 0.0"),
-        ({"steps": 0}, "steps must be a finite int above 0, got 0"),
-        ({"steps": 1.5}, "steps must be a finite int above 0, got 1.5"),
+        ({"tau": 0.0}, "tau must be a finite float at least 1e-06, got 0.0"),
+        ({"steps": 0}, "steps must be a finite int at least 1, got 0"),
+        ({"steps": 1.5}, "steps must be a finite int at least 1, got 1.5"),
         ({"beta": -1.0}, "beta must be a finite float at least 0, got -1.0"),
-        ({"learning_rate": float("nan")}, "learning_rate must be a finite float above 0, got nan"),
+        (
+            {"learning_rate": float("nan")},
+            "learning_rate must be a finite float at least 1e-09, at most 1, got nan",
+        ),
         ({"precision": "fp8"}, "precision must be one of float32, bf16, got 'fp8'"),
         ({"mixup": 1}, "mixup must be true or false, got 1"),
         ({"seed": True}, "seed must be a finite int at least 0, got True"),

@@ -12,6 +12,7 @@ from handmade import write
 from s3le.kernels import compiled
 
 
+@pytest.mark.wide
 @pytest.mark.slow
 def test_the_wheel_alone_makes_a_motion_without_torch_dvc_or_a_checkout(tmp_path):
     """Unpacked into an empty folder, with everything missing that is an extra."""

@@ -5,11 +5,10 @@ from pathlib import Path
 
 from s3le.learn import artifact, training
 from s3le.learn.batches import TrainingData, Tuples
-from s3le.learn.training import CHOICES, Trained, Training
+from s3le.learn.settings import Training
+from s3le.learn.training import Trained
 from s3le.robot.robot import Robot
 from s3le.types import Columns
-
-__all__ = ["CHOICES", "TUPLE", "Training", "gather", "learn"]
 
 TUPLE = ("x_relaxed", "x_feasible", "q_relaxed", "q_feasible", "x_mixed")  # columns that are used
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.learn import artifact, methods
+from s3le.learn import methods
 from s3le.learn.methods import Entry
 from s3le.robot.robot import Robot
 from s3le.types import Columns
@@ -72,6 +72,8 @@ def stored(
     if entry.model:
         if model is None:
             raise ParameterError(f"poses of '{entry.model}' want the file of its model")
+        from s3le.learn import artifact  # torch: two seconds that skeletons need not wait
+
         net, _ = artifact.load_model(model, method=entry.model, robot_hash=robot.tag)
         z = artifact.encode_q(net, pool["q"])
     found = {

@@ -13,7 +13,7 @@ import json
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +24,6 @@ from s3le.errors import ModelError, ParameterError, TrainingError
 from s3le.learn import losses
 from s3le.learn.artifact import read_tensors, write_tensors
 from s3le.learn.batches import (
-    PRIORS,
     Batch,
     Batches,
     TrainingData,
@@ -34,83 +33,9 @@ from s3le.learn.batches import (
     prior_spread,
 )
 from s3le.learn.models import METHODS, AleModel, SharedLatent, Sizes, build
+from s3le.learn.settings import Training
 
 log = logging.getLogger(__name__)
-
-CHOICES = {
-    "schedule": ("constant", "cosine"),
-    "prior": PRIORS,
-    "prior_fit": ("adversarial", "mmd", "none"),
-    "prior_rows": ("all", "tuples", "domain"),
-    "consensus_kind": ("plain", "normalised"),
-    "reconstruct": ("itself", "feasible"),
-    "precision": ("float32", "bf16"),
-}
-POSITIVE = ("steps", "batch_domain", "latent", "hidden", "layers", "first_gain",
-            "learning_rate", "adversary_rate", "tau", "history_every")  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class Training:
-    """Hyper-parameters of one training; the paper's values are named where it gives any."""
-
-    steps: int = 6000
-    batch: int = 128  # sampled tuples per step
-    batch_pairs: int = 32  # mocap tuples per step
-    batch_domain: int = 64  # rows per step of each domain's own data
-    latent: int = 32  # dimension of Z (paper: silent)
-    hidden: int = 512  # (paper)
-    layers: int = 3  # (paper)
-    first_gain: float = 3.0  # of the first layers' weights (paper: silent)
-    learning_rate: float = 3e-3  # (paper: 1e-3)
-    schedule: str = "cosine"  # of both learning rates: warm-up, then to 0; or constant
-    warm_up: int = 100  # steps of linear rise, either schedule
-    second_moment: float = 0.95  # decay of Adam's squared gradients; 0.999 learns FK half as fast
-    weight_decay: float = 0.0  # decoupled
-    beta: float = 1.0  # weight of prior fitting (paper)
-    tau: float = 1.0  # temperature of NT-Xent (paper)
-    prior: str = "ball"  # uniform in the unit ball, or normal
-    prior_fit: str = "adversarial"  # (paper), or mmd, or none
-    prior_rows: str = "tuples"  # rows that the prior is fitted to: tuples, domain data, or all
-    adversary_rate: float = 2e-4  # learning rate of the discriminators
-    weight_recon_x: float = 50.0  # of c in X; the paper leaves the scale of c open
-    weight_recon_q: float = 0.3  # of c in Y: q keeps what x cannot see, so it must not dominate
-    weight_consensus: float = 3.0  # (paper: silent)
-    weight_nt_xent: float = 50.0  # (paper: silent)
-    weight_x_to_q: float = 0.0  # decoder_y(encoder_x(x~)) against q-bar; not in the paper
-    weight_q_to_x: float = 0.0  # decoder_x(encoder_y(q-bar)) against x-bar; not in the paper
-    consensus_kind: str = "normalised"  # the authors' code; or plain, eq. (lc_loss)
-    reconstruct: str = "itself"  # decode x~ to itself (paper), or to the feasible x-bar
-    mixup: bool = True  # x' among the consensus and NT-Xent pairs
-    precision: str = "bf16"  # of the networks' products; bf16 keeps weights in float32
-    threads: int = 0  # CPU threads; 0: as torch finds them. Part of what fixes the bits.
-    seed: int = 0
-    checkpoint_every: int = 500  # steps; 0: never
-    history_every: int = 50  # steps averaged into one row of the history
-
-    def __post_init__(self) -> None:
-        """Refuse values outside their range.
-
-        Raises:
-            ParameterError: names the first wrong field, its value and what is wanted.
-        """
-        for field in fields(self):
-            name, value = field.name, getattr(self, field.name)
-            if name in CHOICES:
-                if value not in CHOICES[name]:
-                    wanted = ", ".join(CHOICES[name])
-                    raise ParameterError(f"{name} must be one of {wanted}, got {value!r}")
-            elif field.type is bool:
-                if not isinstance(value, bool):
-                    raise ParameterError(f"{name} must be true or false, got {value!r}")
-            else:
-                kinds = (int,) if field.type is int else (int, float)
-                least = "above 0" if name in POSITIVE else "at least 0"
-                ok = isinstance(value, kinds) and not isinstance(value, bool)
-                ok = ok and math.isfinite(value) and (value > 0 or (value == 0 and least[1] == "t"))
-                if not ok:
-                    kind = "int" if field.type is int else "float"
-                    raise ParameterError(f"{name} must be a finite {kind} {least}, got {value!r}")
 
 
 class Trained(NamedTuple):

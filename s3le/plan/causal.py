@@ -18,13 +18,13 @@ from s3le.kernels.kinematics import bones, place
 from s3le.kernels.poses import AGREEMENT, inside
 from s3le.kernels.qp import SOLVED, inverse_factor, solve
 from s3le.kernels.solver import clearance_of
-from s3le.plan.chase import fastest, speeds
+from s3le.plan import curved
+from s3le.plan.chase import EPS, fastest, speeds
 from s3le.safety.segment import CERTIFIED, prove
 
 WANTED, LIMITED, SHORTENED, BRAKED, HELD = range(5)  # how a step came about
 
 ROUNDING = 1e-9  # share by which a speed or acceleration may exceed its limit: of floats
-_EPS = 1e-7  # share of every limit that is not used, so that no rounding exceeds it
 _PARTS = 4  # parts of the way to the refused pose that are tried
 _AIM = 0.03  # [s], steps in which the way is counted that a braking joint goes on, at least: with
 # shorter ones a joint would be slowed down for a wanted pose that moves on before it is reached
@@ -50,6 +50,7 @@ class Care(NamedTuple):
     steps: int  # most iterations of a search
     budget: int  # most poses that a proof looks at
     lead: float  # share of the way on which it would brake that counts as gone already
+    curved: bool  # poses are control points of a curve (plan/curved.py); False: rows themselves
 
 
 @compiled
@@ -57,7 +58,7 @@ def brake(q, v, mean, dt, bounds, out):
     """The step on which every joint slows down as much as it may, into out (n,); True: it moves."""
     some = False
     for i in range(len(q)):
-        slower = max(abs(v[i]) - bounds.acceleration[i] * (1.0 - _EPS) * mean, 0.0)
+        slower = max(abs(v[i]) - bounds.acceleration[i] * (1.0 - EPS) * mean, 0.0)
         out[i] = q[i]
         if slower > 0.0:
             some = True
@@ -99,25 +100,27 @@ def clear(chain, swept, s, q0, q1, care, out):
 
 
 @compiled
-def safe(chain, swept, s, q, to, dt, bounds, care, out):
+def safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out):
     """Is the step from q to `to` proven, and a braking motion from there to rest as well?"""
+    if care.curved:
+        return curved.safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out)
     if not clear(chain, swept, s, q, to, care, out):
         return False
     n = len(q)
     bound = out[0]
     here = to.copy()
     then = np.empty(n)
-    v = np.empty(n)
+    w = np.empty(n)
     for i in range(n):
-        v[i] = (to[i] - q[i]) / dt
+        w[i] = (to[i] - q[i]) / dt
     for _ in range(_LONG):
-        if not brake(here, v, dt, dt, bounds, then):
+        if not brake(here, w, dt, dt, bounds, then):
             out[0] = bound
             return True
         if not clear(chain, swept, s, here, then, care, out):
             return False
         for i in range(n):
-            v[i] = (then[i] - here[i]) / dt
+            w[i] = (then[i] - here[i]) / dt
             here[i] = then[i]
     return False
 
@@ -280,7 +283,7 @@ def advance(
     out[1] = 0.0
     if within(q, v, mean, dt, bounds, want):
         to[:] = want
-        if safe(chain, swept, s, q, to, dt, bounds, care, out):
+        if safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out):
             return WANTED
     low = np.empty(n)
     high = np.empty(n)
@@ -288,7 +291,7 @@ def advance(
     for i in range(n):
         least, most, good = speeds(
             q[i], v[i], mean, dt, bounds.lower[i], bounds.upper[i],
-            bounds.speed[i] * (1.0 - _EPS), bounds.acceleration[i] * (1.0 - _EPS),
+            bounds.speed[i] * (1.0 - EPS), bounds.acceleration[i] * (1.0 - EPS),
         )  # fmt: skip
         fits = fits and good
         low[i] = min(max(q[i] + least * dt, bounds.lower[i]), bounds.upper[i])
@@ -299,7 +302,7 @@ def advance(
     )  # fmt: skip
     if inside(c, low, high):
         to[:] = c
-        if safe(chain, swept, s, q, to, dt, bounds, care, out):
+        if safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out):
             return LIMITED
     b = np.empty(n)
     brake(q, v, mean, dt, bounds, b)
@@ -307,17 +310,17 @@ def advance(
         to[i] = want[i]
     # Where the joints are what counts, the straight way may be free though the nearest one is not.
     if len(x) == 0 and straight(q, low, high, to):
-        if safe(chain, swept, s, q, to, dt, bounds, care, out):
+        if safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out):
             return SHORTENED
     share = 0.5
     for _ in range(_PARTS):
         for i in range(n):
             to[i] = min(max(b[i] + share * (c[i] - b[i]), low[i]), high[i])
-        if inside(to, low, high) and safe(chain, swept, s, q, to, dt, bounds, care, out):
+        if inside(to, low, high) and safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out):
             return SHORTENED
         share *= 0.4
     to[:] = b
-    if safe(chain, swept, s, q, to, dt, bounds, care, out):
+    if safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out):
         return BRAKED
     to[:] = q
     found = prove(chain, swept, s, q, q, care.between, care.budget)

@@ -14,8 +14,8 @@ from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import near_pairs, place_capsules
 from s3le.kernels.kinematics import place
 from s3le.kernels.qp import SOLVED, inverse_factor, solve
-from s3le.plan.causal import _EPS, BRAKED, LIMITED, Care, advance, brake, safe, search
-from s3le.plan.chase import fastest, speeds, stopping
+from s3le.plan.causal import BRAKED, LIMITED, Care, advance, brake, safe, search
+from s3le.plan.chase import EPS, fastest, speeds, stopping
 from s3le.plan.why import closest
 
 _SLOW = 0.5  # [rad/s], a robot whose joints are no faster hardly moves
@@ -147,7 +147,7 @@ def direct(chain, swept, s, q, v, before, dt, bounds, care, want, rate, bone, W,
     slow = True
     for i in range(n):
         slow = slow and abs(v[i]) <= max(1.01 * bounds.acceleration[i] * dt, _SLOW)
-        a, most = bounds.acceleration[i] * (1.0 - _EPS), bounds.speed[i] * (1.0 - _EPS)
+        a, most = bounds.acceleration[i] * (1.0 - EPS), bounds.speed[i] * (1.0 - EPS)
         least, greatest, _ = speeds(
             q[i], v[i], mean, dt, bounds.lower[i], bounds.upper[i], most, a
         )  # fmt: skip
@@ -170,7 +170,8 @@ def direct(chain, swept, s, q, v, before, dt, bounds, care, want, rate, bone, W,
         slow = False
     elif not slow:
         plain = Care(
-            care.target, care.margin, care.between, care.band, care.steps, care.budget, 0.0
+            care.target, care.margin, care.between, care.band, care.steps, care.budget, 0.0,
+            care.curved,
         )  # fmt: skip
         search(
             chain, swept.balls, q, v, low, high, dt, bounds, plain, c, np.empty(0), bone, W, to
@@ -188,9 +189,9 @@ def direct(chain, swept, s, q, v, before, dt, bounds, care, want, rate, bone, W,
                 to[i] = 0.5 * (to[i] + c[i])
         if not cost(q, to, dt, bounds, end, W) < least - _NEARER:
             to[:] = c
-            if safe(chain, swept, s, q, to, dt, bounds, care, out):
+            if safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out):
                 return BRAKED
-    if safe(chain, swept, s, q, to, dt, bounds, care, out):
+    if safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out):
         return LIMITED
     return advance(
         chain, swept, s, q, v, before, dt, bounds, care, want, np.empty(0), bone, W, to, out

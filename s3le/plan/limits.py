@@ -97,17 +97,44 @@ def accelerations(times: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.diff(speeds(times, q), axis=0) / (0.5 * (dt[1:] + dt[:-1]))[:, None]
 
 
-def broken(times: np.ndarray, q: np.ndarray, most: Limits) -> np.ndarray:
+def changing(times: np.ndarray) -> np.ndarray:
+    """Time in which the speed of a straight motion changes at each row [s], (m,)."""
+    dt = np.diff(times, prepend=times[0], append=times[-1])
+    return 0.5 * (dt[:-1] + dt[1:])
+
+
+def broken(
+    times: np.ndarray, q: np.ndarray, most: Limits, lasts: np.ndarray | None = None
+) -> np.ndarray:
     """Rows that take part in something beyond the limits, bool (m,).
 
     A step that is too fast marks both its rows, an acceleration that is too high all three.
+
+    Args:
+        times: [s], (m,).
+        q: [rad], (m, n).
+        most: the limits.
+        lasts: time in which the speed changes at each row [s], (m,); None: changing(times).
     """
     bad = np.logical_not(((q >= most.lower) & (q <= most.upper)).all(axis=1))
     fast = ~(np.abs(speeds(times, q)) <= most.speed * (1.0 + ROUNDING)).all(axis=1)
     bad[:-1] |= fast
     bad[1:] |= fast
-    hard = np.abs(accelerations(times, q)) <= most.acceleration * (1.0 + ROUNDING)
-    hard = ~hard.all(axis=1)
+    lasts = changing(times) if lasts is None else lasts
+    turned = np.abs(np.diff(speeds(times, q), axis=0)) / lasts[1:-1, None]
+    hard = ~(turned <= most.acceleration * (1.0 + ROUNDING)).all(axis=1)
     for shift in range(3):
         bad[shift : len(bad) - 2 + shift] |= hard
     return bad
+
+
+def stretches(bad: np.ndarray, reach: int, m: int) -> list[tuple[int, int]]:
+    """Stretches of rows around the bad ones, not touching one another."""
+    found: list[tuple[int, int]] = []
+    for row in np.flatnonzero(bad).tolist():
+        start, stop = max(row - reach, 0), min(row + reach + 1, m)
+        if found and start <= found[-1][1] + 4:
+            found[-1] = found[-1][0], stop
+        else:
+            found.append((start, stop))
+    return found

@@ -146,7 +146,8 @@ def pursue(
         elif far > _FAR and memory.flag[WAIT] <= 0 and lost(chain, to, x, bone) > _LOST:
             memory.flag[WAIT] = _OFTEN
             quick = Care(
-                care.target, care.margin, care.between, care.band, 1, care.budget, care.lead
+                care.target, care.margin, care.between, care.band, 1, care.budget, care.lead,
+                care.curved,
             )  # fmt: skip
             straight = ahead(
                 chain, swept.balls, q, v, dt, bounds, quick, want, x, bone, W, True

@@ -10,14 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from s3le.kernels import batch
 from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import near_pairs, place_capsules
 from s3le.kernels.kinematics import bones, place
+from s3le.plan.chase import EPS
 from s3le.plan.interior import improve, warm, warm_rows
+from s3le.robot.chain import Chain
+from s3le.skeleton import DIM
 
 MORE = 24  # linearised clearances a frame that there is room for, in the mean
 _LAST = 25  # most iterations after the last linearisation
-_EPS = 1e-7  # share of every limit that is not used, so that no rounding exceeds it
 
 
 class Aim(NamedTuple):
@@ -29,6 +32,25 @@ class Aim(NamedTuple):
     W: np.ndarray  # (m or 1, n, n), weights of the joints beside it
     whole: np.ndarray  # [rad], (m, N), poses of all joints of the chain; those of ours are not read
     own: np.ndarray  # int64 (n,), which of the N are ours; all, where nobody else moves any
+
+
+def cost(chain: Chain, aim: Aim, part: slice, q: np.ndarray) -> float:
+    """What some rows of a motion are off from what is wanted.
+
+    Args:
+        chain: the robot.
+        aim: of the whole motion.
+        part: which rows of it.
+        q: these [rad], (k, n).
+    """
+    off = q - aim.wanted[part]
+    W = aim.W[part] if len(aim.W) > 1 else aim.W
+    total = float((off[:, None, :] @ W @ off[:, :, None]).sum())
+    if len(aim.x):
+        x = np.empty((len(off), DIM))
+        batch._skeletons(chain, q, x)
+        total += float((aim.bone * np.square(x - aim.x[part])).sum())
+    return 0.5 * total
 
 
 class Custom(NamedTuple):
@@ -45,13 +67,14 @@ class Custom(NamedTuple):
 
 
 @compiled
-def bound(p, m, times, lower, upper, speed, acceleration):
+def bound(p, m, times, lasts, lower, upper, speed, acceleration):
     """Write the limits of a window into its program.
 
     Args:
         p: the program; fixed says which frames count as given.
         m: frames in use.
         times: [s], (m,), rising.
+        lasts: time in which the speed changes at each frame [s], (m,).
         lower, upper: [rad], (n,).
         speed: [rad/s], (n,); inf: any.
         acceleration: [rad/s^2], (n,); inf: any.
@@ -64,7 +87,7 @@ def bound(p, m, times, lower, upper, speed, acceleration):
         p.coef[t, 0, 1] = 1.0
         room = 1.0
         for i in range(n):
-            ease = _EPS * (upper[i] - lower[i])
+            ease = EPS * (upper[i] - lower[i])
             p.low[t, 0, i] = lower[i] + ease
             p.high[t, 0, i] = upper[i] - ease
         if t > 0:
@@ -73,7 +96,7 @@ def bound(p, m, times, lower, upper, speed, acceleration):
             p.coef[t, 1, 0] = -1.0
             p.coef[t, 1, 1] = 1.0
             for i in range(n):
-                most = min(speed[i] * dt, 1e3) * (1.0 - _EPS)
+                most = min(speed[i] * dt, 1e3) * (1.0 - EPS)
                 p.low[t, 1, i] = -most
                 p.high[t, 1, i] = most
         if 0 < t < m - 1:
@@ -84,7 +107,7 @@ def bound(p, m, times, lower, upper, speed, acceleration):
             p.coef[t, 2, 1] = -room / before - room / after
             p.coef[t, 2, 2] = room / after
             for i in range(n):
-                most = min(acceleration[i] * room * room, 1e3) * (1.0 - _EPS)
+                most = min(acceleration[i] * room * lasts[t], 1e3) * (1.0 - EPS)
                 p.low[t, 2, i] = -most
                 p.high[t, 2, i] = most
 

@@ -57,6 +57,7 @@ class Settings:
     lead: float = 1.0  # share of the way on which a step's brake goes that counts as gone already
     budget: int = BUDGET  # poses that a proof may look at
     check: bool = True  # measure every pose of the result with coal too
+    curved: bool = False  # speeds are continuous, and each row has a proven stop (plan/curved.py)
 
     def __post_init__(self) -> None:
         """Refuse what is out of range."""
@@ -98,7 +99,7 @@ class Settings:
         return Care(
             target=float(self.target), margin=float(robot.margin), between=float(self.between),
             band=float(self.band), steps=int(self.search), budget=int(self.budget),
-            lead=float(self.lead),
+            lead=float(self.lead), curved=bool(self.curved),
         )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ class State(NamedTuple):
     pace: np.ndarray  # [rad/s], (n,), how fast that had come; NaN: not known
     flag: np.ndarray  # int64 (4,) and
     way: np.ndarray  # [rad], (2, n), see pursue.Memory
+    stop: tuple[np.ndarray, float, float] | None = None  # see smooth.Smooth; None: it rests
 
 
 def checked(state: State, n: int) -> State:

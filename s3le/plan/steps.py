@@ -45,6 +45,14 @@ HOW = {
 }
 
 
+class Via(NamedTuple):
+    """A row within a step."""
+
+    after: float  # [s] since the step began
+    q: np.ndarray  # [rad], (n,)
+    v: np.ndarray  # [rad/s], (n,)
+
+
 class Step(NamedTuple):
     """One answer."""
 
@@ -53,6 +61,9 @@ class Step(NamedTuple):
     clearance: float  # [m], of the pose
     bound: float  # [m], proven clearance of the path that leads there
     certified: bool  # within all limits and proven; False only where it had to stand still at once
+    via: tuple[
+        Via, ...
+    ] = ()  # rows within the step, where joints begin to be accelerated otherwise
 
 
 class Walker:
@@ -106,7 +117,7 @@ class Walker:
         self._bone, self._skeleton = bone, skeleton
         self._memory = pursue.memory(joints)
         self._none, self._nothing = np.zeros((0, n)), np.empty(0)
-        self._q = pose(q, n, "the pose of the robot")
+        self._q = self._at = pose(q, n, "the pose of the robot")
         self._clearance = self._found()
         self._v, self._before, self._even = np.zeros(n), np.nan, True
         self._asked, self._pace = np.full(n, np.nan), np.full(n, np.nan)
@@ -168,9 +179,9 @@ class Walker:
             room = np.where(v > 0.0, most.upper - q, q - most.lower)
             stops = (np.abs(v) <= most.speed * (1.0 + limits.ROUNDING)).all()
             stops = stops and (np.isinf(a) | (far <= room + _RESTS)).all()
-            kept, self._q = self._q, q
+            self._at = q
             stops = stops and self._rests(q, v, before, np.zeros(2))
-            self._q = kept
+            self._at = self._q
         if v.any() and not stops:
             raise CertificateError("from this state it is not proven that the robot can brake")
         self.put(State(q, v, before, float(report.clearance[0]), even, asked, pace, flag, way))
@@ -217,25 +228,41 @@ class Walker:
             return Step(self.q, "held", self._clearance, self._clearance, True)
         before = dt if np.isnan(self._before) else self._before
         to, out = np.empty(n), np.zeros(2)
-        near = self._ends(dt)
         self._even = self._even and abs(dt - before) <= EVEN * before
-        if wanted is None:
+        before = self._begin(before, dt)
+        near = self._ends(dt)
+        aim = None if wanted is None else self._aim(wanted, dt)
+        if aim is None:
             how = self._brake(before, dt, to, out)
-        elif self._as_wanted(wanted, before, dt, self._bounds if self._even else near, to, out):
+        elif self._as_wanted(aim, before, dt, self._bounds if self._even else near, to, out):
             how = causal.WANTED
         elif self._skeleton or self._memory.flag[pursue.LEFT]:
-            how = self._pursue(wanted, before, dt, near, starts, to, out)
+            how = self._pursue(aim, before, dt, near, starts, to, out)
         else:
-            how = self._direct(wanted, before, dt, near, to, out)
-            if self._blocked(wanted, to, dt):  # does not move it, but may find a way around
-                self._pursue(wanted, before, dt, near, starts, np.empty(n), np.zeros(2))
+            how = self._direct(aim, self._rate_of(wanted, dt), before, dt, near, to, out)
+            if self._blocked(aim, to, dt):  # does not move it, but may find a way around
+                self._pursue(aim, before, dt, near, starts, np.empty(n), np.zeros(2))
         how, certified = self._settled(how, before, dt, to, out)
         if wanted is not None:
             self._note(wanted, dt)
+        via = self._end(to, dt)
+        self._before = dt
+        return Step(self.q, self._words[how], self._clearance, float(out[0]), certified, via)
+
+    def _begin(self, before: float, dt: float) -> float:
+        """Note from where a step is looked for, into _at; the time in which speed may change."""
+        self._at = self._q
+        return before
+
+    def _aim(self, wanted: np.ndarray, dt: float) -> np.ndarray:
+        """Where a step is to lead for the robot to be where it is wanted."""
+        return wanted
+
+    def _end(self, to: np.ndarray, dt: float) -> tuple[Via, ...]:
+        """Be where a step leads; rows on the way there."""
         self._v[:] = (to - self._q) / dt
         self._q[:] = to
-        self._before = dt
-        return Step(self.q, self._words[how], self._clearance, float(out[0]), certified)
+        return ()
 
     def _settled(
         self, how: int, before: float, dt: float, to: np.ndarray, out: np.ndarray
@@ -251,7 +278,7 @@ class Walker:
 
     def _holds(self, to: np.ndarray, mean: float, dt: float) -> bool:
         """Is the step within limits, speed and acceleration, and its pose good?"""
-        within = ends.allowed(self._q, self._v, to, mean, dt, self._bounds)
+        within = ends.allowed(self._at, self._v, to, mean, dt, self._bounds)
         return bool(within) and self._measured(to)
 
     def _measured(self, to: np.ndarray) -> bool:
@@ -267,25 +294,25 @@ class Walker:
 
     def _brake(self, before: float, dt: float, to: np.ndarray, out: np.ndarray) -> int:
         mean = 0.5 * (before + dt)
-        causal.brake(self._q, self._v, mean, dt, self._bounds, to)
+        causal.brake(self._at, self._v, mean, dt, self._bounds, to)
         if causal.safe(
-            self._chain, self._swept, self._scratch, self._q, to, dt, self._bounds,
-            self._care, out,
+            self._chain, self._swept, self._scratch, self._at, self._v, to, mean, dt,
+            self._bounds, self._care, out,
         ):  # fmt: skip
             return causal.BRAKED
-        if self._rests(to, (to - self._q) / dt, dt, out):
+        if self._rests(to, (to - self._at) / dt, dt, out):
             return causal.BRAKED
         return self._otherwise(before, dt, to, out)
 
     def _otherwise(self, before: float, dt: float, to: np.ndarray, out: np.ndarray) -> int:
         # Steps have changed in length, so the rows are others than those that were proven. Some
         # other way to slow down that stays farther away, looked for as any step is.
-        rest, w, then = to.copy(), (to - self._q) / dt, np.empty_like(to)
+        rest, w, then = to.copy(), (to - self._at) / dt, np.empty_like(to)
         while causal.brake(rest, w, dt, dt, self._bounds, then):
             w, rest[:] = (then - rest) / dt, then
-        for want in (rest, self.robot.anchor, self.q):
+        for want in (rest, self.robot.anchor, self._at.copy()):
             how = causal.advance(
-                self._chain, self._swept, self._scratch, self._q, self._v, before, dt,
+                self._chain, self._swept, self._scratch, self._at, self._v, before, dt,
                 self._ends(dt), self._care, want, self._nothing, self._bone, self._memory.W, to,
                 out,
             )  # fmt: skip
@@ -296,7 +323,7 @@ class Walker:
     def _rests(self, here: np.ndarray, v: np.ndarray, dt: float, out: np.ndarray) -> bool:
         """Is the motion proven on which the robot would brake from here, however many rows?"""
         here, then, bound = here.copy(), np.empty_like(here), np.zeros(2)
-        if not self._clear(self._q, here, out):
+        if not self._clear(self._at, here, out):
             return False
         for _ in range(_LONG):
             if not causal.brake(here, v, dt, dt, self._bounds, then):
@@ -312,8 +339,8 @@ class Walker:
 
     def _ends(self, dt: float) -> Bounds:
         """The bounds in which a joint may go on so that it can brake whatever steps come."""
-        lower, upper = np.empty_like(self._q), np.empty_like(self._q)
-        ends.within_reach(self._q, dt, self._bounds, lower, upper)
+        lower, upper = np.empty_like(self._at), np.empty_like(self._at)
+        ends.within_reach(self._at, dt, self._bounds, lower, upper)
         slow = np.maximum(_ROWS * dt * self._bounds.acceleration, np.abs(self._v))
         speed = np.minimum(self._bounds.speed, slow)
         return self._bounds._replace(lower=lower, upper=upper, speed=speed)
@@ -328,11 +355,13 @@ class Walker:
         out: np.ndarray,
     ) -> bool:
         """Can the wanted pose be taken as it is?"""
-        if not causal.within(self._q, self._v, 0.5 * (before + dt), dt, near, wanted):
+        mean = 0.5 * (before + dt)
+        if not causal.within(self._at, self._v, mean, dt, near, wanted):
             return False
         to[:] = wanted
         if not causal.safe(
-            self._chain, self._swept, self._scratch, self._q, to, dt, near, self._care, out,
+            self._chain, self._swept, self._scratch, self._at, self._v, to, mean, dt, near,
+            self._care, out,
         ):  # fmt: skip
             return False
         self._memory.flag[pursue.MODE] = self._memory.flag[pursue.LEFT] = 0
@@ -349,7 +378,7 @@ class Walker:
         out: np.ndarray,
     ) -> int:
         return pursue.pursue(
-            self._chain, self._swept, self._scratch, self._memory, self._q, self._v, before,
+            self._chain, self._swept, self._scratch, self._memory, self._at, self._v, before,
             dt, near, self._careful(), wanted, self._seen(wanted), self._bone, self._W, starts,
             self.robot.anchor, to, out,
         )  # fmt: skip
@@ -357,6 +386,7 @@ class Walker:
     def _direct(
         self,
         wanted: np.ndarray,
+        rate: np.ndarray,
         before: float,
         dt: float,
         near: Bounds,
@@ -364,13 +394,13 @@ class Walker:
         out: np.ndarray,
     ) -> int:
         return direct.direct(
-            self._chain, self._swept, self._scratch, self._q, self._v, before, dt, near,
-            self._careful(), wanted, self._rate_of(wanted, dt), self._bone, self._W, to, out,
+            self._chain, self._swept, self._scratch, self._at, self._v, before, dt, near,
+            self._careful(), wanted, rate, self._bone, self._W, to, out,
         )  # fmt: skip
 
     def _blocked(self, wanted: np.ndarray, to: np.ndarray, dt: float) -> bool:
         """Is the robot to look for a way around, as it does not get to where it is wanted?"""
-        far, moved = np.abs(to - wanted).max(initial=0.0), np.abs(to - self._q).max(initial=0.0)
+        far, moved = np.abs(to - wanted).max(initial=0.0), np.abs(to - self._at).max(initial=0.0)
         flag = self._memory.flag
         flag[pursue.WAIT] = max(flag[pursue.WAIT] - int(np.ceil(1e3 * dt)), 0)
         if not (far > _FAR and moved < _STILL * dt) or flag[pursue.WAIT] > 0:
@@ -403,7 +433,7 @@ class Walker:
         )
 
     def _stand(self, to: np.ndarray, out: np.ndarray) -> int:
-        to[:] = self._q
+        to[:] = self._at
         out[0] = self._clearance
         return causal.HELD
 
@@ -414,28 +444,3 @@ class Walker:
         inside = np.clip(wanted, self.most.lower, self.most.upper)
         batch._skeletons(self._chain, inside[None], x)
         return x[0]
-
-
-def walk(walker: Walker, times: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Follow wanted poses from where the walker is, which is row 0; for tests and benchmarks.
-
-    Args:
-        walker: at rest.
-        times: [s], (m,), rising.
-        wanted: [rad], (m, n).
-
-    Returns:
-        (q (m, n) [rad], how each came about; "start" for row 0).
-
-    Raises:
-        CertificateError: a step had to stand still at once, and that was not allowed.
-    """
-    times, wanted = limits.motion(times, wanted, len(walker.q))
-    q, how = [walker.q], ["start"]
-    for row in range(1, len(times)):
-        step = walker.step(wanted[row], times[row] - times[row - 1])
-        if not step.certified:
-            raise CertificateError(f"row {row}: the robot could not brake within its limits")
-        q.append(step.q)
-        how.append(step.how)
-    return np.array(q), how

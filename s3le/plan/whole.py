@@ -46,6 +46,7 @@ class Plan(NamedTuple):
     how: np.ndarray  # uint8 (m,): WANTED (to the bit), PLANNED, DRIVEN
     clearance: np.ndarray  # [m], (m,), of the pose
     bound: np.ndarray  # [m], (m,), proven of the path from the row before; of row 0 its pose's
+    v: np.ndarray | None = None  # [rad/s], (m, n), at each row; None: straight from row to row
 
 
 class Planner:
@@ -110,18 +111,7 @@ class Planner:
         times, wanted = limits.motion(times, wanted, n)
         aim = self._aim(times, wanted, skeleton, weight, bone)
         job = _Job(self, times, wanted, aim, stands, progress)
-        job.measure(0, len(times))
-        if (first := job.broken()).any():
-            for start, stop in _runs(first, job.reach, len(times)):
-                job.around(start, stop)
-            job.repair()
-            if (left := job.broken()).any():
-                row = int(np.argmax(left))
-                raise CertificateError(
-                    f"no motion was found that holds at row {row} ({times[row]:.4f} s): "
-                    + job.why(row)
-                )
-        job.done(len(times))
+        job.settle()
         if self.settings.check:
             self._certifier.require(job.q, self.robot.margin)
         same = (job.q == wanted).all(axis=1)
@@ -170,6 +160,8 @@ class Planner:
 class _Job:
     """One motion on its way from what is wanted to what holds."""
 
+    _after = 1  # rows after one that has changed whose paths have changed too
+
     def __init__(
         self,
         planner: Planner,
@@ -182,12 +174,33 @@ class _Job:
         self.its, self.times, self.wanted, self.aim = planner, times, wanted, aim
         self.given, self._progress, self._done = 2 if stands else 0, progress, 0
         m = len(times)
+        self.lasts = limits.changing(times)  # [s], in which the speed changes at each row
         self.q = wanted.copy()
         self.clearance, self.bound = np.full(m, np.nan), np.full(m, np.nan)
         self.proven, self.where = np.zeros(m, np.bool_), np.zeros(m)
         self.driven = np.zeros(m, np.bool_)
         step = float(np.median(np.diff(times))) if m > 1 else 1.0
         self.reach = int(np.clip(np.ceil(planner.settings.horizon / step - 1e-6), 4, 10_000))
+
+    def settle(self) -> None:
+        """Bring what is wanted to what holds.
+
+        Raises:
+            CertificateError: see Planner.plan.
+        """
+        m = len(self.q)
+        self.measure(0, m)
+        if (first := self.broken()).any():
+            for start, stop in limits.stretches(first, self.reach, m):
+                self.around(start, stop)
+            self.repair()
+            if (left := self.broken()).any():
+                row = int(np.argmax(left))
+                raise CertificateError(
+                    f"no motion was found that holds at row {row} ({self.times[row]:.4f} s): "
+                    + self.why(row)
+                )
+        self.done(m)
 
     def done(self, rows: int) -> None:
         """Say that so many rows are done, of all."""
@@ -202,19 +215,27 @@ class _Job:
     def measure(self, first: int, last: int) -> None:
         """Clearances of rows first to last - 1, and proofs of the paths that end there."""
         its = self.its
-        examine(
-            its._chain, its._swept, its._scratch, self.poses(), its._care, first, last,
-            self.clearance, self.proven, self.where, self.bound,
-        )  # fmt: skip
+        self._examine(first, last)
         # As near to the margin as two engines may differ, the independent one has the word.
         part = slice(first, last)
         margin = its.robot.margin
         near = first + np.flatnonzero(np.abs(self.clearance[part] - margin) < AGREEMENT)
         for row in near:
-            found = its._certifier.one(self.poses()[row])[0]
+            found = its._certifier.one(self._pose(row))[0]
             self.clearance[row] = (
                 max(found, margin) if found >= margin else min(found, np.nextafter(margin, 0.0))
             )
+
+    def _examine(self, first: int, last: int) -> None:
+        its = self.its
+        examine(
+            its._chain, its._swept, its._scratch, self.poses(), its._care, first, last,
+            self.clearance, self.proven, self.where, self.bound,
+        )  # fmt: skip
+
+    def _pose(self, row: int) -> np.ndarray:
+        """What is measured at a row [rad], (N,)."""
+        return self.poses()[row]
 
     def close(self, first: int, last: int) -> np.ndarray:
         """Rows whose pose is too close or whose path is not proven, bool."""
@@ -225,7 +246,7 @@ class _Job:
         """Rows that do not hold; of a path both ends."""
         bad = self.close(0, len(self.q))
         bad[:-1] |= ~self.proven[1:]
-        return bad | limits.broken(self.times, self.q, self.its.most)
+        return bad | limits.broken(self.times, self.q, self.its.most, self.lasts)
 
     def why(self, row: int) -> str:
         if not self.clearance[row] >= self.its.robot.margin:
@@ -279,7 +300,8 @@ class _Job:
         kept = self.q[rows].copy()
         p.q[:m] = kept if again else self._guess(times, self.wanted[rows], kept, before, after)
         most = its.most
-        rounds.bound(p, m, times, most.lower, most.upper, most.speed, most.acceleration)
+        lasts = self.lasts[rows]
+        rounds.bound(p, m, times, lasts, most.lower, most.upper, most.speed, most.acceleration)
         x, W = self.aim.x, self.aim.W
         aim = rounds.Aim(
             self.wanted[rows], x[rows] if len(x) else x, self.aim.bone,
@@ -287,7 +309,7 @@ class _Job:
         )  # fmt: skip
         target = np.full(m, its.settings.target)
         between, out = np.zeros(m), np.zeros(3)
-        own = slice(start, min(stop + 1, len(self.q)))
+        own = slice(start, min(stop + self._after, len(self.q)))
         chain, balls = its._chain, its._swept.balls
         custom = (
             its._custom._replace(soft=its._custom.stiff, rounds=_BURST) if again else its._custom
@@ -298,7 +320,7 @@ class _Job:
                 chain, balls, p, m, aim, target, between, short if turn else custom, turn == 0,
                 out, _STRIDE if again else np.inf,
             )  # fmt: skip
-            if not good or limits.broken(times, p.q[:m], most).any():
+            if not good or limits.broken(times, p.q[:m], most, lasts).any():
                 if turn or again:
                     return True  # what was found before stays
                 self.q[rows] = (
@@ -315,7 +337,7 @@ class _Job:
                 at = row - (start - before)
                 lack = max(its.robot.margin - self.clearance[row], 0.0)
                 target[max(at - 1, 0) : at + 2] += min(lack, 0.01) + _MORE
-                if not self.proven[row]:
+                if not self.proven[row] and at <= m:
                     between[at - 1] = min(max(self.where[row], 0.1), 0.9)
         return True
 
@@ -358,14 +380,14 @@ class _Job:
             anchor = its.robot.anchor
             self.q[0] = batch.project(chain, anchor, self.q[:1], its._care.target).q[0]
         planned = self.q.copy()
-        ways = drive.ways(its, self.times, planned, self.aim, first, row)
+        ways = drive.ways(its, self.times, self.lasts, planned, self.aim, first, row)
         cut, far, end, found, least, last = row, self.reach, row, None, np.inf, first - 1
         while True:
             cut, far = min(cut + far, m - 1), 2 * far
             for way in ways:
                 way.to(cut)
                 self.q[:] = way.q
-                self.measure(first, min(way.last + 2, m))
+                self.measure(first, min(way.last + 1 + self._after, m))
                 held = way.met or way.last == m - 1
                 if not held:
                     self.around(way.last + 1, way.last + 1 + self.reach)
@@ -390,24 +412,27 @@ class _Job:
     def _stops(self, row: int) -> bool:
         """May a robot that comes to this row as planned brake from there, all of it proven?"""
         its, q = self.its, self.q
-        dt = self.times[row] - self.times[row - 1]
+        dt, lasts = self.times[row] - self.times[row - 1], self.lasts[row - 1]
         v = (q[row] - q[row - 1]) / dt
+        before = v
+        if row > 1:
+            before = (q[row - 1] - q[row - 2]) / (self.times[row - 1] - self.times[row - 2])
         return causal.within(q[row - 1], v, dt, dt, its._bounds, q[row]) and causal.safe(
-            its.robot.chain, its._swept, its._scratch, q[row - 1], q[row], dt, its._bounds,
-            its._care, np.zeros(2),
+            its.robot.chain, its._swept, its._scratch, q[row - 1], before, q[row], lasts, dt,
+            its._bounds, its._care, np.zeros(2),
         )  # fmt: skip
 
     def _changed(self, other: np.ndarray, first: int) -> int:
         """One beyond the last row, and the path after it, that is not as another motion has it."""
         rows = np.flatnonzero((self.q[first:] != other[first:]).any(axis=1))
-        return min(first + (int(rows[-1]) + 2 if len(rows) else 1), len(self.q))
+        return min(first + (int(rows[-1]) + 1 + self._after if len(rows) else 1), len(self.q))
 
     def _polish(self, first: int, last: int) -> None:
         """Plan the rows about a stretch that was driven once more, from where they are."""
         start, stop = max(first - self.reach, 0), min(last + self.reach, len(self.q))
         start = start if start >= 2 else self.given
         stop = stop if stop <= len(self.q) - 2 else len(self.q)
-        rows = slice(start, min(stop + 1, len(self.q)))
+        rows = slice(start, min(stop + self._after, len(self.q)))
         if self.close(rows.start, rows.stop).any():
             return
         kept, least = self.q[rows].copy(), self.cost(rows.start, rows.stop)
@@ -427,24 +452,5 @@ class _Job:
     def cost(self, first: int, last: int, q: np.ndarray | None = None) -> float:
         """What rows first to last - 1, of q or else the plan, are off from what is wanted."""
         part = slice(first, last)
-        q = np.ascontiguousarray((self.q if q is None else q)[part])
-        off = q - self.wanted[part]
-        W = self.aim.W[part] if len(self.aim.W) > 1 else self.aim.W
-        total = float((off[:, None, :] @ W @ off[:, :, None]).sum())
-        if len(self.aim.x):
-            x = np.empty((len(off), DIM))
-            batch._skeletons(self.its.robot.chain, q, x)
-            total += float((self.aim.bone * np.square(x - self.aim.x[part])).sum())
-        return 0.5 * total
-
-
-def _runs(bad: np.ndarray, reach: int, m: int) -> list[tuple[int, int]]:
-    """Stretches of rows around the bad ones, not touching one another."""
-    found: list[tuple[int, int]] = []
-    for row in np.flatnonzero(bad).tolist():
-        start, stop = max(row - reach, 0), min(row + reach + 1, m)
-        if found and start <= found[-1][1] + 4:
-            found[-1] = found[-1][0], stop
-        else:
-            found.append((start, stop))
-    return found
+        rows = np.ascontiguousarray((self.q if q is None else q)[part])
+        return rounds.cost(self.its.robot.chain, self.aim, part, rows)

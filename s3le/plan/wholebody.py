@@ -20,7 +20,7 @@ from s3le.plan.around import opened
 from s3le.plan.giveway import GiveWay, Terms
 from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings
-from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner, _Job, _runs
+from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner, _Job
 from s3le.robot.wholebody import WholeBody
 from s3le.types import Progress
 
@@ -89,7 +89,7 @@ class BodyPlanner(Planner):
         job = _BodyJob(self, times, wanted, given, aim, progress)
         job.measure(0, len(times))
         if (first := job.broken()).any():
-            for start, stop in _runs(first, job.reach, len(times)):
+            for start, stop in limits.stretches(first, job.reach, len(times)):
                 job.around(start, stop)
             job.repair()
         if (left := limits.broken(times, job.q, self.most)).any():
@@ -136,9 +136,9 @@ class _BodyJob(_Job):
         """Plan from other first guesses what is far off or does not hold; then give way."""
         m = len(self.q)
         far = (np.abs(self.q - self.wanted) > _FAR).any(axis=1)
-        for start, stop in _runs(far | self.close(0, m), self.reach, m):
+        for start, stop in limits.stretches(far | self.close(0, m), self.reach, m):
             self._otherwise(start, stop, opened=False)
-        for start, stop in _runs(self.close(0, m), self.reach, m):
+        for start, stop in limits.stretches(self.close(0, m), self.reach, m):
             self._otherwise(start, stop, opened=True)
         done = 0
         while (bad := self.close(0, len(self.q))[done:]).any():

@@ -1,9 +1,9 @@
-"""Is the straight joint path between two poses clear of collisions? A proof, not samples; compiled.
+"""Is the joint path between two poses clear of collisions? A proof, not samples; compiled.
 
-The path is q(t) = q0 + t (q1 - q0), 0 <= t <= 1, and d(t) a pair's signed distance: that of the
-two cores less both radii. C is the last frame that carries both bodies; V and A are the sums over
-both of their speed and acceleration bounds as seen from C (kernels/swept.py). On a part [a, b] of
-the path, of length h = b - a, two bounds hold:
+The path is q(t), 0 <= t <= 1: straight, or one of safety/curve.py. d(t) is a pair's signed
+distance: that of the two cores less both radii. C is the last frame that carries both bodies; V
+and A are the sums over both of their speed and acceleration bounds as seen from C
+(safety/swept.py). On a part [a, b] of the path, of length h = b - a, two bounds hold:
 
     first order:   d(t) >= (d(a) + d(b) - h V) / 2
         for d changes by no more than the cores travel: d(t) >= d(a) - (t - a) V and
@@ -14,7 +14,8 @@ the path, of length h = b - a, two bounds hold:
         (1 - s) f(a) + s f(b) - s (1 - s) h^2 A / 2,  less both radii,  where f = n . (y - x),
         for any unit vector n fixed in C: two cores are at least as far apart as their shadows on
         n, a shadow ends at an end of its core, and f lies above its chord less that parabola as
-        |f''| <= A. Every n gives a bound; taken is the mean of the normals at a and b.
+        |f''| <= A; that f'' jumps where a joint begins to brake or stands changes nothing. Every n
+        gives a bound; taken is the mean of the normals at a and b.
         Source: ours; the parabola is the error of linear interpolation.
 
 A pair that neither bound keeps at the margin is looked at again on both halves. Travel shrinks
@@ -30,6 +31,8 @@ from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import clearance, nearest_on_segments, place_capsules
 from s3le.kernels.kinematics import place
 from s3le.robot.chain import Chain
+from s3le.safety import curve
+from s3le.safety.curve import extremes, position
 from s3le.safety.swept import travels
 
 CERTIFIED, COLLIDES, UNDECIDED = 0, 1, 2
@@ -42,6 +45,9 @@ _LARGEST = 1e3  # [rad], beyond it an angle between two others is not known well
 class Scratch(NamedTuple):
     """Room for one proof at a time; the first axis is a slot, which holds a pose of the path."""
 
+    path: np.ndarray  # (curve.ROWS, n), see there
+    last: np.ndarray  # [rad], (n,), the end of a straight path
+    extreme: np.ndarray  # (2, n), of the path's rate and of its change
     q: np.ndarray  # [rad], (slots, n)
     R: np.ndarray  # (slots, n + 1, 3, 3)
     p: np.ndarray  # [m], (slots, n + 1, 3)
@@ -63,6 +69,9 @@ def scratch(chain: Chain) -> Scratch:
     """Room for the proofs of one thread, about 150 kB on a robot of 32 bodies."""
     n, bodies, pairs = len(chain.parent), len(chain.body_frame), len(chain.pair)
     return Scratch(
+        path=np.zeros((curve.ROWS, n)),
+        last=np.zeros(n),
+        extreme=np.zeros((2, n)),
         q=np.zeros((_SLOTS, n)),
         R=np.zeros((_SLOTS, n + 1, 3, 3)),
         p=np.zeros((_SLOTS, n + 1, 3)),
@@ -82,11 +91,27 @@ def scratch(chain: Chain) -> Scratch:
 
 @compiled
 def prove(chain, swept, s, q0, q1, margin, budget):
-    """Prove that all watched pairs keep the margin on the path, or find a pose where one does not.
+    """Prove that all watched pairs keep the margin on the straight path from q0 to q1.
+
+    Args:
+        q0, q1: the ends [rad], (n,).
+        chain, swept, s, margin, budget: see prove_curve.
+
+    Returns:
+        See prove_curve.
+    """
+    curve.straight(q0, q1, s.path)
+    s.last[:] = q1
+    return _proof(chain, swept, s, True, margin, budget)
+
+
+@compiled
+def prove_curve(chain, swept, s, path, margin, budget):
+    """Prove that all watched pairs keep the margin on a path, or find a pose where one does not.
 
     Args:
         chain, swept, s: the robot, swept(chain) and a scratch(chain) of this thread's own.
-        q0, q1: the ends [rad], (n,).
+        path: (curve.ROWS, n).
         margin: clearance to keep [m].
         budget: most poses that may be looked at between the ends.
 
@@ -95,22 +120,29 @@ def prove(chain, swept, s, q0, q1, margin, budget):
         CERTIFIED with bound, a proven lower bound of the clearance on the path, at least margin;
         COLLIDES with a pose at t whose closest pair keeps only clearance, under margin; it need not
         be the deepest, and the first such pose of the path lies between until and t;
-        UNDECIDED with bound, under margin, or NaN if an end is not finite: the budget is spent, or
-        what is left to look at is too short.
+        UNDECIDED with bound, under margin, or NaN if the path is not finite: the budget is spent,
+        or what is left to look at is too short.
         The path is proven clear from 0 to until. What does not apply is NaN or -1; used counts the
         poses looked at between the ends.
     """
-    n = len(q0)
-    for i in range(n):  # written so that NaN is refused
-        if not (abs(q0[i]) <= _LARGEST and abs(q1[i]) <= _LARGEST):
+    s.path[:] = path
+    return _proof(chain, swept, s, False, margin, budget)
+
+
+@compiled
+def _proof(chain, swept, s, straight, margin, budget):
+    extremes(s.path, s.extreme[0], s.extreme[1])
+    for i in range(len(s.last)):  # written so that NaN is refused
+        far = s.last[i] if straight else s.extreme[0, i]
+        if not (abs(s.path[curve.START, i]) <= _LARGEST and abs(far) <= _LARGEST):
             return UNDECIDED, np.nan, 0.0, np.nan, -1, np.nan, 0
     for i in range(_SLOTS):
         s.slot[i] = i
     s.t[0] = 0.0
     s.t[1] = 1.0
-    _look(chain, s, q0, q1, 0)
-    _look(chain, s, q0, q1, 1)
-    travels(chain, swept, q0, q1, s.travel, s.bend)
+    _look(chain, s, straight, 0)
+    _look(chain, s, straight, 1)
+    travels(chain, swept, s.extreme[0], s.extreme[1], s.travel, s.bend)
     low = np.inf  # of all that is decided
     top = 1
     used = 0
@@ -135,7 +167,7 @@ def prove(chain, swept, s, q0, q1, margin, budget):
         top += 1
         middle = s.slot[top]
         s.t[middle] = 0.5 * (s.t[left] + s.t[right])
-        _look(chain, s, q0, q1, middle)
+        _look(chain, s, straight, middle)
         s.count[middle] = s.count[right]
         for i in range(s.count[right]):
             s.pairs[middle, i] = s.pairs[right, i]
@@ -161,12 +193,16 @@ def prove_rows(chain, swept, s, q, margin, budget, status, number, pair, used):
 
 
 @compiled
-def _look(chain, s, q0, q1, slot):
+def _look(chain, s, straight, slot):
     """Place the robot at the slot's t."""
-    t = s.t[slot]
-    for i in range(len(q0)):
-        # At the ends to the bit, and the same whichever end is called the first.
-        s.q[slot, i] = q0[i] if t == 0.0 else q1[i] if t == 1.0 else (1.0 - t) * q0[i] + t * q1[i]
+    t, q0, q1 = s.t[slot], s.path[curve.START], s.last
+    if straight:
+        for i in range(len(q0)):
+            # At the ends to the bit, and the same whichever end is called the first.
+            here = q0[i] if t == 0.0 else q1[i] if t == 1.0 else (1.0 - t) * q0[i] + t * q1[i]
+            s.q[slot, i] = here
+    else:
+        position(s.path, t, s.q[slot])
     place(chain, s.q[slot], s.R[slot], s.p[slot], s.z[slot])
     place_capsules(chain, s.R[slot], s.p[slot], s.ends[slot])
 

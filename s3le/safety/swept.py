@@ -1,12 +1,13 @@
-"""How far, and along how bent a way, each capsule can move on a straight joint path.
+"""How far, and along how bent a way, each capsule can move on a joint path.
 
-The path is q(t) = q0 + t (q1 - q0), 0 <= t <= 1. A capsule is all points within a radius of its
-core, a segment. Seen from a frame that carries it, a core moves only by the joints j between, at
-the constant rates w_j = |q1_j - q0_j|. Let r_j bound the distance of any point of the core from
-axis j at any angles. Then for each point x of the core
+The path is q(t), 0 <= t <= 1. A capsule is all points within a radius of its core, a segment. Seen
+from a frame that carries it, a core moves only by the joints j between, at rates of at most w_j =
+max |q'_j| that change by at most b_j = max |q''_j|; on a straight path w_j = |q1_j - q0_j| and b_j
+= 0. Let r_j bound the distance of any point of the core from axis j at any angles. Then for each
+point x of the core
 
     |x'|  <= V = sum_j w_j r_j
-    |x''| <= A = sum_j w_j (w_j r_j + 2 sum_k w_k r_k over the joints k beyond j)
+    |x''| <= A = sum_j b_j r_j + w_j (w_j r_j + 2 sum_k w_k r_k over the joints k beyond j)
 
 since x' = sum_j q'_j z_j x (x - p_j), and since the second derivative by joints j and k, k = j or
 beyond j, is z_j x (z_k x (x - p_k)), which is no longer than r_k.
@@ -66,8 +67,13 @@ def swept(chain: Chain) -> Swept:
 
 
 @compiled
-def travels(chain, swept, q0, q1, travel, bend):
-    """V and A of every core on the whole path [m], (b, n + 1), seen from the frames beneath it."""
+def travels(chain, swept, rates, bends, travel, bend):
+    """V and A of every core on the whole path [m], (b, n + 1), seen from the frames beneath it.
+
+    Args:
+        rates, bends: w and b of the joints [rad], (n,).
+        chain, swept, travel, bend: the robot, its Swept, and what receives V and A.
+    """
     for body in range(len(chain.body_frame)):
         f = chain.body_frame[body]
         v = a = 0.0
@@ -75,7 +81,8 @@ def travels(chain, swept, q0, q1, travel, bend):
         bend[body, f] = a
         while f > 0:
             j = f - 1
-            rate = abs(q1[j] - q0[j])
+            rate = rates[j]
+            a += bends[j] * swept.radius[body, j]
             a += rate * (rate * swept.radius[body, j] + 2.0 * v)
             v += rate * swept.radius[body, j]
             f = chain.parent[j]

@@ -1,13 +1,12 @@
 """What a row of the comparison answers for every test frame; all of it checked and scored."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from s3le.errors import ParameterError, TableError
 from s3le.kernels import batch
-from s3le.learn import artifact
 from s3le.learn.methods import Entry
 from s3le.retarget import exported
 from s3le.retarget.stream import Retargeter
@@ -19,6 +18,9 @@ from s3le.store import documents, tables
 from s3le.study.evaluation import between, score, summary
 from s3le.study.followed import follow
 from s3le.types import Columns, Progress
+
+if TYPE_CHECKING:
+    from s3le.learn import artifact
 
 
 class Answered(NamedTuple):
@@ -55,6 +57,8 @@ def stored(
     if entry.model:
         if model is None:
             raise ParameterError(f"'{entry.model}' wants the file of its model")
+        from s3le.learn import artifact  # torch: two seconds that other rows need not wait
+
         net, _ = artifact.load_model(model, method=entry.model, robot_hash=robot.tag)
         z = artifact.encode_x(net, human)
     by, n = entry.model or "skeleton", len(human)
@@ -174,7 +178,7 @@ def judge(
 
 
 def comparable(
-    pool: Columns, z: np.ndarray, metric: str, net: artifact.Model | None
+    pool: Columns, z: np.ndarray, metric: str, net: "artifact.Model | None"
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """Stored vectors, queries, and which of index.METRICS they are to be compared by.
 
@@ -185,6 +189,8 @@ def comparable(
     if metric == "decoded":
         if net is None:
             raise ParameterError("metric 'decoded' wants a model that decodes")
+        from s3le.learn import artifact
+
         stored, z, metric = artifact.decode_x(net, stored), artifact.decode_x(net, z), "l2"
     elif metric == "mahalanobis":
         onto = metrics.to_skeletons(stored, pool["x"])

@@ -1,0 +1,159 @@
+"""Streams whose speed is continuous, and which always carry a proven motion to a standstill.
+
+    walker = Smooth(robot, limits(robot), Settings(curved=True), q=where_the_robot_is)
+    step = walker.step(wanted, dt)      # step.q at speed walker.v, a parabola from the last row
+
+A step is made only if it is proven, and if from its end a motion is proven on which each joint
+brakes within its acceleration, whose rows keep the margin and which ends within limits. That motion
+is kept until another is proven: where no step can be, it is driven. So whatever comes, the robot
+has a way to rest that has been proven.
+"""
+
+import numpy as np
+
+from s3le.errors import CertificateError
+from s3le.plan import causal, curved, limits
+from s3le.plan.chase import EPS
+from s3le.plan.state import State, checked
+from s3le.plan.steps import Via, Walker
+from s3le.safety import curve
+
+_SAME = 1e-12  # [s], two moments of a stop that differ by no more are one
+
+
+class Smooth(Walker):
+    """One robot in motion whose rows are (q, v); see Walker."""
+
+    _path: np.ndarray  # (curve.ROWS, n), the motion on which it would brake
+    _lasts: float = 0.0  # [s], how long it takes; 0: the robot rests
+    _gone: float = 0.0  # [s], how much of it has been driven
+    _driven: tuple[np.ndarray, np.ndarray, tuple[Via, ...]] | None = None  # instead of a step
+
+    def _begin(self, before: float, dt: float) -> float:
+        self._at, self._driven = self._q + 0.5 * dt * self._v, None
+        return dt
+
+    def _aim(self, wanted: np.ndarray, dt: float) -> np.ndarray:
+        # Control points are half a step ahead of rows.
+        return wanted + 0.5 * dt * self._rate_of(wanted, dt)
+
+    def _measured(self, to: np.ndarray) -> bool:
+        return super()._measured(0.5 * (self._at + to))
+
+    def _brake(self, before: float, dt: float, to: np.ndarray, out: np.ndarray) -> int:
+        causal.brake(self._at, self._v, dt, dt, self._bounds, to)
+        if causal.safe(
+            self._chain, self._swept, self._scratch, self._at, self._v, to, dt, dt,
+            self._bounds, self._care, out,
+        ):  # fmt: skip
+            return causal.BRAKED
+        return self._stand(to, out)
+
+    def _settled(
+        self, how: int, before: float, dt: float, to: np.ndarray, out: np.ndarray
+    ) -> tuple[int, bool]:
+        if how != causal.HELD and self._holds(to, dt, dt):
+            return how, True
+        if how not in (causal.BRAKED, causal.HELD):  # the engines disagree
+            how = self._brake(dt, dt, to, out)
+            if how != causal.HELD and self._holds(to, dt, dt):
+                return how, True
+        if not self._v.any():  # it rests, where it has been proven to be
+            self._stand(to, out)
+            return causal.HELD, True
+        self._driven = self._along(dt)
+        out[0] = self._care.between
+        good = super()._measured(self._driven[0])
+        return causal.BRAKED, good
+
+    def _along(self, dt: float) -> tuple[np.ndarray, np.ndarray, tuple[Via, ...]]:
+        """Drive the motion on which it brakes for dt more: where it ends, and rows on the way."""
+        begin, end = self._gone, self._gone + dt
+        turns = np.unique(self._path[[curve.ONE, curve.TWO]]) * self._lasts
+        turns = turns[np.diff(turns, prepend=-1.0) > _SAME]
+        inner = turns[(turns > begin + _SAME) & (turns < end - _SAME)]
+        rows = [self._moment(moment) for moment in (*inner, end)]
+        via = tuple(Via(float(t - begin), *row) for t, row in zip(inner, rows[:-1], strict=True))
+        return *rows[-1], via
+
+    def _moment(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        q, v = np.empty_like(self._q), np.zeros_like(self._q)
+        share = min(t / self._lasts, 1.0)
+        curve.position(self._path, share, q)
+        if share < 1.0:
+            curve.rate(self._path, share, v)
+        return np.clip(q, self.most.lower, self.most.upper), v / self._lasts
+
+    def _end(self, to: np.ndarray, dt: float) -> tuple[Via, ...]:
+        if self._driven is not None:
+            self._q[:], self._v[:], via = self._driven
+            self._gone += dt
+            return via
+        w = (to - self._at) / dt
+        self._q[:] = np.clip(0.5 * (self._at + to), self.most.lower, self.most.upper)
+        self._v[:] = np.where(to == self._at, 0.0, w)
+        self._keep(dt)
+        return ()
+
+    def _keep(self, dt: float) -> None:
+        """Keep the motion on which it brakes from here; it has been proven."""
+        hardest = self._bounds.acceleration * (1.0 - EPS)
+        self._path = np.empty((curve.ROWS, len(self._q)))
+        self._lasts = float(curve.stop(self._q, self._v, hardest, dt, self._path))
+        self._gone = 0.0
+
+    def stop(self) -> tuple[np.ndarray, float]:
+        """The motion on which it would brake: its path (curve.ROWS, n), how long that takes [s]."""
+        path = self._path.copy() if self._lasts > 0.0 else np.zeros((curve.ROWS, len(self._q)))
+        if not self._lasts > 0.0:
+            curve.straight(self._q, self._q, path)
+        return path, self._lasts
+
+    def state(self) -> State:
+        """Where the robot is and what it is about; a copy."""
+        stop = (self._path.copy(), self._lasts, self._gone) if self._lasts > 0.0 else None
+        return super().state()._replace(stop=stop)
+
+    def put(self, state: State) -> None:
+        """Go back to a state of this very walker; it is not looked at again."""
+        super().put(state)
+        if state.stop is None:
+            self._lasts = self._gone = 0.0
+        else:
+            self._path, self._lasts, self._gone = state.stop
+
+    def restore(self, state: State) -> None:
+        """Go on from a state of a walker of the same robot, limits and settings.
+
+        Raises:
+            ParameterError: it has other shapes, or holds what is no number.
+            CertificateError: the pose is not feasible, or from there it is not proven that the
+                robot can brake within its limits. Nothing has changed.
+        """
+        state = checked(state, len(self._q))
+        report = self._certifier.require(state.q[None], self.robot.margin)
+        if state.v.any():
+            path = np.empty((curve.ROWS, len(self._q)))
+            good = (np.abs(state.v) <= self.most.speed * (1.0 + limits.ROUNDING)).all()
+            if not good or not curved.stops(
+                self._chain, self._swept, self._scratch, state.q, state.v, state.before,
+                self._bounds, self._care, path, np.zeros(2),
+            ):  # fmt: skip
+                raise CertificateError("from this state it is not proven that the robot can brake")
+        self.put(state._replace(clearance=float(report.clearance[0]), stop=None))
+        if state.v.any():
+            self._keep(state.before)
+
+    def warm_up(self) -> None:
+        """Compile what a step needs, or read it from the store, so that no step waits for it."""
+        kept = self.state()
+        for wanted in (self.robot.anchor, self.most.upper + 1.0, self.most.upper + 1.0, None):
+            self.step(wanted, 0.02)
+        if self._lasts > 0.0:
+            self._along(0.02)
+        self.put(kept)
+
+
+def walker(robot, most, settings, **how) -> Walker:
+    """A walker whose speed is continuous, if the settings say so; arguments of Walker."""
+    return (Smooth if settings.curved else Walker)(robot, most, settings, **how)
