@@ -61,6 +61,10 @@ def audit(
             show_default="not looked at",
         ),
     ] = None,
+    straight: Annotated[
+        bool,
+        typer.Option(help="Joints move straight between rows, also where the file tells speeds."),
+    ] = False,
     fps: options.RateOfRows = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
@@ -78,6 +82,10 @@ def audit(
     of the whole body, where legs and hands move too, all pairs are looked at with all joints
     moving; limits and speeds are asked of the robot file's own joints alone.
 
+    A file that tells speeds is a curve: between rows the joints move on the cubics that meet them.
+    Limits, speeds and accelerations (the robot's, unless said) are held at every moment of it, and
+    a motion to rest is proven from each row.
+
     \b
     s3le audit walk.parquet
     s3le audit dance.csv --robot coman --fps 30
@@ -87,6 +95,7 @@ def audit(
     Exit status: 0 if everything holds, 1 if something does not or could not be decided, 2 if a
     file could not be read.
     """  # noqa: D301
+    from s3le.plan.limits import limits
     from s3le.safety import audit as library
     from s3le.safety import covered
     from s3le.safety.paths import BUDGET
@@ -110,13 +119,18 @@ def audit(
             try:
                 for one in _motions(path, its, fps, named, degrees, moved):
                     body = _body(one.others, its, bodies)
-                    report, notes = _one(one, its, body, wanted, every=margin is not None)
+                    asked = wanted
+                    if straight:
+                        one = one._replace(v=None)
+                    elif one.v is not None and acceleration is None:
+                        asked = wanted._replace(acceleration=limits(its).acceleration)
+                    report, notes = _one(one, its, body, asked, every=margin is not None)
                     if not report.holds:
                         status = max(status, shell.BROKEN)
                     also = {"given_joints": list(body.given)} if body else {}
                     told.append({"file": one.name, "notes": notes, **also, **library.tree(report)})
                     if not as_json:
-                        lines = _lines(one.name, its, body, wanted, report, notes)
+                        lines = _lines(one, its, body, asked, report, notes)
                         typer.echo("\n".join([*lines, ""]))
             except S3leError as refusal:
                 shell.complain(refusal)
@@ -158,6 +172,7 @@ class _Motion(NamedTuple):
     mode: "np.ndarray | None"
     notes: list[str]
     others: "Others | None"  # joints that others move
+    v: "np.ndarray | None" = None  # [rad/s], where the file tells them
 
 
 def _motions(
@@ -182,7 +197,7 @@ def _motions(
         )  # fmt: skip
         return [_Motion(e.name, e.time, e.q, e.mode, e.notes, e.others) for e in layout.episodes]
     one, notes, others = fit(files.read(path, fps, joints), robot, degrees, given)
-    return [_Motion(str(path), one.time, one.q, one.mode, notes, others)]
+    return [_Motion(str(path), one.time, one.q, one.mode, notes, others, one.v)]
 
 
 def _body(
@@ -221,7 +236,9 @@ def _one(
             ]
     with shell.bar(2 * len(motion.time) - 1, Path(motion.name).name) as progress:
         if body is None or motion.others is None:
-            report = library.audit(robot, motion.time, motion.q, wanted, at_rows, progress=progress)
+            report = library.audit(
+                robot, motion.time, motion.q, wanted, at_rows, progress=progress, v=motion.v
+            )
         else:
             report = wholebody.look(
                 body, motion.time, motion.q, motion.others.q, wanted, at_rows, progress
@@ -230,7 +247,7 @@ def _one(
 
 
 def _lines(
-    name: str,
+    motion: _Motion,
     robot: "Robot",
     body: "WholeBody | None",
     wanted: "Demands",
@@ -239,14 +256,17 @@ def _lines(
 ) -> list[str]:
     from s3le.safety.audit import say
 
+    way = "straight" if motion.v is None else "on the curve through positions and speeds"
     lines = [
-        f"{name}: {report.rows} poses, {report.seconds:.3f} s, robot {robot.name} {robot.digest}",
+        f"{motion.name}: {report.rows} poses, {report.seconds:.3f} s, robot {robot.name} "
+        f"{robot.digest}, between rows {way}",
         *(f"  note: {note}" for note in notes),
     ]
     asked = {
         "limits": "joint ranges",
         "velocities": "joint speeds",
         "accelerations": "joint accelerations",
+        "stops": "rows from which a way to rest is proven",
         "poses": f"poses at least {wanted.margin * 1e3:g} mm clear",
         "paths": f"paths at least {wanted.margin_between * 1e3:g} mm clear, proven",
     }
@@ -255,7 +275,7 @@ def _lines(
         lines.append(f"  {asked[check.name] + ':':<42} {good} of {check.total} hold" + _open(check))
         if check.broken:
             lines += [f"      {say(check.name, one)}" for one in check.worst]
-        elif check.worst and check.name != "paths":
+        elif check.worst and check.name not in ("paths", "stops"):
             lines.append(f"      nearest: {say(check.name, check.worst[0])}")
     if body is not None:
         lines += _given(body, report)

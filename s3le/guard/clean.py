@@ -23,7 +23,7 @@ from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner
 from s3le.plan.wholebody import BodyPlanner
 from s3le.robot.robot import Robot
 from s3le.robot.wholebody import WholeBody, whole_body
-from s3le.safety import audit, wholebody
+from s3le.safety import audit, checks, wholebody
 
 TRIES = 4  # reserves that are tried where a motion does not hold as it is rounded, each the double
 SAME = 1e-5  # [rad], a row that planning moves less is put back
@@ -375,33 +375,33 @@ def _named(layout: Layout, episode: Episode, note: str) -> str:
 def _merged(layout: Layout, reports: list[audit.Report]) -> dict[str, Any]:
     """The checks of all episodes together: how many, and the worst places."""
     found: dict[str, Any] = {}
-    for number, checks in enumerate(zip(*(report.checks for report in reports), strict=True)):
-        name = checks[0].name
+    for number, kind in enumerate(zip(*(report.checks for report in reports), strict=True)):
+        name = kind[0].name
         worst = [
             (_badness(name, one), _short(layout, episode), one)
-            for episode, check in zip(layout.episodes, checks, strict=True)
+            for episode, check in zip(layout.episodes, kind, strict=True)
             if check.broken
             for one in check.worst
         ]
         worst.sort(key=lambda item: item[0], reverse=True)
         found[name] = {
             "unit": reports[0].checks[number].unit,
-            "total": sum(check.total for check in checks),
-            "broken": sum(check.broken for check in checks),
-            "undecided": sum(check.undecided for check in checks),
+            "total": sum(check.total for check in kind),
+            "broken": sum(check.broken for check in kind),
+            "undecided": sum(check.undecided for check in kind),
             "worst": [
                 {
                     "episode": where, "row": one.row, "time": one.time, "what": one.what,
                     "value": one.value if np.isfinite(one.value) else None,
-                    "wanted": one.wanted, "says": audit.say(name, one),
+                    "wanted": one.wanted, "says": checks.say(name, one),
                 }
-                for _, where, one in worst[: audit.PLACES]
+                for _, where, one in worst[: checks.PLACES]
             ],
         }  # fmt: skip
     return found
 
 
-def _badness(check: str, one: audit.Finding) -> float:
+def _badness(check: str, one: checks.Finding) -> float:
     if np.isnan(one.value):
         return -np.inf  # how bad is not known
     if check in ("velocities", "accelerations"):

@@ -1,6 +1,7 @@
 """What the columns or arrays of a file mean, whoever wrote it.
 
-Ours are `time`, one per joint, `heading`, `clearance`, `mode`. Others call the time `t` or give a
+Ours are `time`, one per joint, one per joint's speed (`JOINT.vel`, or an array `v` beside `q`),
+`heading`, `clearance`, `mode`. Others call the time `t` or give a
 rate, and keep all joints in one array beside a list of names, behind a root's position and
 quaternion.
 """
@@ -11,12 +12,22 @@ from typing import Any
 import numpy as np
 
 from s3le.errors import TrajectoryError
-from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, make, times
+from s3le.motion.trajectory import (
+    CLEARANCE,
+    HEADING,
+    MODE,
+    SPEED,
+    TIME,
+    Trajectory,
+    make,
+    times,
+)
 
 TIMES = (TIME, "times", "t", "timestamp", "timestamps", "time_s")
 RATES = ("fps", "rate", "frame_rate", "framerate", "frequency", "hz", "mocap_framerate")
 STEPS = ("dt", "timestep", "time_step")
 ANGLES = ("q", "qpos", "dof_pos", "dof_position", "joint_pos", "joint_positions", "joint_position")
+SPEEDS = "v"  # beside an array `q` of ours
 NAMES = ("joint_names", "dof_names", "joints", "names")
 NUMBERING = ("", "frame", "index", "row", "unnamed: 0")
 ROOT = 7  # numbers of a free base in front of the joints: position and quaternion
@@ -47,13 +58,25 @@ def interpret(
         TrajectoryError: no angles, no names for them, no time or rate, or what make refuses.
     """
     key, of_joints = angles(name, table), named(name, table, joints)
+    v = None
     if key is not None:
         names, q = _columns(name, key, _numbers(name, key, table[key]), of_joints)
+        if (
+            key == ANGLES[0]
+            and SPEEDS in table
+            and (np.shape(table[SPEEDS]) == np.shape(table[key]))
+        ):
+            v = _columns(name, SPEEDS, _numbers(name, SPEEDS, table[SPEEDS]), of_joints)[1]
     else:
         skip = {*TIMES, *RATES, *STEPS, *NUMBERING, *NAMES, HEADING, CLEARANCE, MODE}
         names = [key for key in table if key.lower() not in skip]
+        fast = [one for one in names if one.endswith(SPEED) and one.removesuffix(SPEED) in names]
+        names = [one for one in names if one not in fast]
         if not names:
             raise TrajectoryError(f"{name}: has no column of a joint; it has: {_list(table)}")
+        if fast and {one.removesuffix(SPEED) for one in fast} != set(names):
+            still = next(one for one in names if one + SPEED not in fast)
+            raise TrajectoryError(f"{name}: tells the speed of some joints, but not of '{still}'")
         for key in names:
             if np.ndim(table[key]) != 1:
                 raise TrajectoryError(
@@ -64,13 +87,16 @@ def interpret(
         if len(set(lengths.values())) > 1:
             raise TrajectoryError(f"{name}: columns are of different lengths, {lengths}"[:300])
         q = np.stack([_numbers(name, key, table[key]) for key in names], axis=1)
+        if fast:
+            told = [_numbers(name, one + SPEED, table[one + SPEED]) for one in names]
+            v = np.stack(told, axis=1)
     clearance, mode = find(table, (CLEARANCE,)), find(table, (MODE,))
     heading = find(table, (HEADING,))
     turned = None if heading is None else _numbers(name, *heading)
     clear = None if clearance is None else _numbers(name, *clearance)
     how = None if mode is None or mode[1].dtype.kind not in "UT" else mode[1].astype(str)
     time = clock(name, table, len(q), fps)
-    return make(name, names, time, q, clear, how, about, first, row_is, turned)
+    return make(name, names, time, q, clear, how, about, first, row_is, turned, v)
 
 
 def angles(name: str, table: Mapping[str, np.ndarray]) -> str | None:

@@ -68,10 +68,12 @@ def fit(
             raise TrajectoryError(f"{name}: '{column}' and another column are both '{joint}'")
         at[joint] = i
     lengths = [at[joint] for joint in at if kinds.get(joint) == "prismatic"]
-    q = np.array(trajectory.q)
+    q, v = np.array(trajectory.q), None if trajectory.v is None else np.array(trajectory.v)
     if degrees:
         turns = np.setdiff1d(np.arange(q.shape[1]), lengths)  # metres are never degrees
-        q[:, turns] = np.deg2rad(q[:, turns])
+        for angles in (q, v):
+            if angles is not None:
+                angles[:, turns] = np.deg2rad(angles[:, turns])
     missing = [joint for joint in robot.joint_names if joint not in at]
     extra = [c for c in trajectory.joints if joint_of(c, known) is None]
     foreign = [c for c in extra if not (BASE.fullmatch(c) or c.lower() in FREE)]
@@ -99,7 +101,10 @@ def fit(
             )
     if extra:
         notes.append(f"columns of the base are left out: {_few(extra)}")
-    q = np.ascontiguousarray(q[:, [at[joint] for joint in robot.joint_names]])
+    order = [at[joint] for joint in robot.joint_names]
+    q = np.ascontiguousarray(q[:, order])
+    # Among joints that others move the claim is about straight paths.
+    v = None if v is None or moved else np.ascontiguousarray(v[:, order])
     if wild := _wild(q, robot):
         notes.append(wild + ("" if degrees else "; are these degrees? --degrees reads them so"))
     made_for = trajectory.about.get("robot_hash")
@@ -109,7 +114,7 @@ def fit(
             f"this is {robot.name} {robot.digest}"
         )
     q.setflags(write=False)
-    own = replace(trajectory, joints=tuple(robot.joint_names), q=q)
+    own = replace(trajectory, joints=tuple(robot.joint_names), q=q, v=v)
     return Fitted(own, notes, others if moved else None)
 
 

@@ -1,7 +1,8 @@
 """Trajectories as NPZ, for those who train policies; nothing in one is ever unpickled.
 
-Arrays `time` [s], `q` [rad] (n, n_dof), `joint_names`, `heading` [rad], `clearance` [m], `mode`,
-`about` (JSON text), and `fps` [Hz] where the steps in time are alike. `np.load(path)` reads it.
+Arrays `time` [s], `q` [rad] and `v` [rad/s] (n, n_dof), `joint_names`, `heading` [rad],
+`clearance` [m], `mode`, `about` (JSON text), and `fps` [Hz] where the steps in time are alike.
+`np.load(path)` reads it.
 """
 
 import json
@@ -24,6 +25,7 @@ def write(trajectory: Trajectory, part: Path) -> None:
     arrays = {
         "time": trajectory.time,
         "q": trajectory.q,
+        "v": trajectory.v,
         "joint_names": np.array(trajectory.joints),
         "heading": trajectory.heading,
         "clearance": trajectory.clearance,

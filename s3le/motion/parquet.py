@@ -1,6 +1,7 @@
-"""Trajectories as Parquet: `time` [s], joints [rad], `heading` [rad], `clearance` [m], `mode`.
+"""Trajectories as Parquet: time, joints, their speeds, heading, clearance, mode.
 
-The file's metadata names the robot and its hash and holds the certificate (JSON).
+Columns `time` [s], one per joint [rad], `JOINT.vel` [rad/s], `heading` [rad], `clearance` [m],
+`mode`. The file's metadata names the robot and its hash and holds the certificate (JSON).
 """
 
 import json
@@ -16,7 +17,16 @@ from s3le import __version__
 from s3le.errors import TrajectoryError
 from s3le.motion import footer
 from s3le.motion.columns import NAMES, RATES, STEPS, interpret
-from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, twice, unit
+from s3le.motion.trajectory import (
+    CLEARANCE,
+    HEADING,
+    MODE,
+    SPEED,
+    TIME,
+    Trajectory,
+    twice,
+    unit,
+)
 
 FORMAT = "trajectory 1"
 MOST_VALUES = 500_000_000  # in one file; ten hours of ten joints at 1 kHz
@@ -31,6 +41,12 @@ def write(trajectory: Trajectory, part: Path) -> None:
         (joint, np.ascontiguousarray(trajectory.q[:, i]), unit(trajectory, joint), JOINT)
         for i, joint in enumerate(trajectory.joints)
     ]
+    if trajectory.v is not None:
+        columns += [
+            (joint + SPEED, np.ascontiguousarray(trajectory.v[:, i]),
+             f"{unit(trajectory, joint)}/s", "its speed at that moment")
+            for i, joint in enumerate(trajectory.joints)
+        ]  # fmt: skip
     if trajectory.heading is not None:
         columns.append((HEADING, trajectory.heading, "rad", "yaw of the human about z, unwrapped"))
     if trajectory.clearance is not None:

@@ -1,9 +1,8 @@
-"""A certified motion at another rate: the same path, told in other samples.
+"""A certified motion told in other rows: samples of the same curve, with nothing cut.
 
-Between certified poses the joints move straight, so every pose of that polyline is certified too,
-and a step between two samples of one straight piece lies on the proven path. A step over a corner
-cuts it: such a step is proven anew, and where it cannot be, the corner's own pose becomes a row
-of its own, between two rows of the rate; or the motion is refused where rows must be even.
+A motion of rows of position and speed is a curve, so a row may be put wherever one is wanted. If a
+new rate is a whole multiple of the motion's own, every step between two new rows lies on one piece
+of the curve: it is what was proven. So a clip is followed at such a rate (`planned`) to begin with.
 """
 
 from typing import NamedTuple
@@ -11,12 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.robot.robot import Robot
-from s3le.safety import paths
-from s3le.safety.paths import CERTIFIED
+from s3le.safety.paths import sampled
 
 RATES = (30.0, 1000.0)  # [Hz]
-ON_CORNER = 1e-7  # a sample this close to a corner, in samples, is that corner
+ON_ROW = 1e-6  # a moment this close to a row, in rows, is that row's
 MOST_ROWS = 10_000_000
 
 
@@ -25,53 +22,64 @@ class Emission(NamedTuple):
 
     time: np.ndarray  # [s], (m,)
     q: np.ndarray  # [rad], (m, n_dof), each on the path
-    corner: np.ndarray  # int (m,), which given pose a row is; -1: between two
-    next: np.ndarray  # int (m,), the given pose that a row is, or that it moves to
-    cut: int  # corners that were cut, each proven
-    kept: int  # rows that the rate does not have: corners that could not be cut
+    v: np.ndarray | None  # [rad/s], (m, n_dof); None: straight from row to row
+    own: np.ndarray  # int (m,), which row of the motion it is; -1: between two
+    next: np.ndarray  # int (m,), the row of the motion that it is, or that it moves to
 
 
-def at_rate(
-    robot: Robot, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
-) -> Emission:
+def planned(rate: float, own: float) -> float:
+    """The rate [Hz] to follow a clip at: the one nearest to its own that divides the one wanted.
+
+    Args:
+        rate: of the rows wanted [Hz].
+        own: of the clip [Hz].
+    """
+    found = rate / max(1, round(rate / own))
+    return own if abs(found - own) <= 1e-9 * own else found
+
+
+def on_grid(time: np.ndarray, rate: float) -> bool:
+    """Does every row lie where rows at this rate [Hz] would, from the first one on?"""
+    place = (time - time[0]) * rate
+    return bool((np.abs(place - np.rint(place)) <= ON_ROW).all())
+
+
+def at_rate(time: np.ndarray, q: np.ndarray, v: np.ndarray, rate: float) -> Emission:
     """Sample a motion at a rate.
 
     Args:
-        robot: whose motion it is.
-        time: of the poses, rising [s], (n,).
-        q: poses whose straight paths are certified [rad], (n, n_dof).
-        rate: rows per second [Hz], in RATES.
-        margin_between: what cut corners must keep [m].
+        time, q, v: rows [s], (n,), [rad], [rad/s], (n, n_dof); each lies on the rate's grid.
+        rate: rows per second [Hz].
 
     Raises:
-        ParameterError: rate is out of its range, or the motion too long for it.
+        ParameterError: the motion is too long for it, or a row lies off its grid.
     """
-    check_rate(rate)
-    return _sample(robot, time, q, rate, margin_between)
+    span = (time[-1] - time[0]) * rate
+    if not span < MOST_ROWS:
+        raise ParameterError(f"{span:.0f} rows at {rate:g} Hz; at most {MOST_ROWS} are made")
+    if not on_grid(time, rate):
+        raise ParameterError(f"not every row of the motion is one at {rate:g} Hz")
+    if len(time) == 1:
+        return as_given(time, q, v)
+    count = round(float(span)) + 1
+    moments = time[0] + np.arange(count) / rate
+    place = np.rint((time - time[0]) * rate).astype(int)  # of each row among the new ones
+    own = np.full(count, -1)
+    own[place] = np.arange(len(time))
+    upcoming = np.searchsorted(place, np.arange(count))
+    left = np.clip(upcoming - (own < 0), 0, len(time) - 2)
+    made_q, made_v = sampled(time, q, v, left, moments)
+    known = own >= 0
+    made_q[known], made_v[known] = q[own[known]], v[own[known]]
+    moments[known] = time[own[known]]
+    return Emission(moments, made_q, made_v, own, upcoming)
 
 
-def evenly(
-    robot: Robot, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
-) -> Emission:
-    """Sample a motion at a rate, with no row between two of the rate's.
-
-    Args:
-        robot, time, q, margin_between: see at_rate.
-        rate: rows per second [Hz], any that check_rate or the clip's own reader lets pass.
-
-    Raises:
-        ParameterError: a corner cannot be cut; says where, and what does instead.
-    """
-    made = _sample(robot, time, q, rate, margin_between)
-    if made.kept:
-        place = (made.time - made.time[0]) * rate
-        first = int(np.argmax(np.abs(place - np.rint(place)) > ON_CORNER / 2))
-        raise ParameterError(
-            f"at an even {rate:g} Hz {made.kept} of its poses cannot be passed by on a proven "
-            f"path, one at {made.time[first]:.4f} s; give a whole multiple of its own rate as "
-            "--rate, which passes through all of them"
-        )
-    return made
+def as_given(time: np.ndarray, q: np.ndarray, v: np.ndarray | None = None) -> Emission:
+    """A motion as it is."""
+    rows = np.arange(len(time))
+    kept = None if v is None else np.array(v)
+    return Emission(np.array(time), np.array(q), kept, rows, rows)
 
 
 def check_rate(rate: float) -> None:
@@ -82,64 +90,3 @@ def check_rate(rate: float) -> None:
     """
     if not RATES[0] <= rate <= RATES[1]:
         raise ParameterError(f"rate must be in [{RATES[0]:g}, {RATES[1]:g}] Hz, got {rate!r}")
-
-
-def _sample(
-    robot: Robot, time: np.ndarray, q: np.ndarray, rate: float, margin_between: float
-) -> Emission:
-    """Rows at a rate, and the corners between them that could not be cut."""
-    span = (time[-1] - time[0]) * rate
-    if not span < MOST_ROWS:
-        raise ParameterError(f"{span:.0f} rows at {rate:g} Hz; at most {MOST_ROWS} are made")
-    grid = time[0] + np.arange(int(span + ON_CORNER) + 1) / rate
-    left, corner = _place(time, grid, rate)
-    made = _interpolate(time, q, grid, left, corner)
-    proven = paths.certify(robot, made, margin_between).status == CERTIFIED
-    # Given poses strictly inside a step: it runs from after `inner` to before `outer`.
-    inner = np.where(corner >= 0, corner, left)[:-1] + 1
-    outer = np.where(corner >= 0, corner, left + 1)[1:]
-    crossed = np.maximum(outer - inner, 0)
-    open_steps = np.flatnonzero((crossed > 0) & ~proven)
-    added = [np.arange(inner[k], outer[k]) for k in open_steps]
-    extra = np.concatenate([np.zeros(0, int), *added])
-    grid = np.concatenate([grid, time[extra]])
-    order = np.argsort(grid, kind="stable")
-    left = np.concatenate([left, np.minimum(extra, max(len(time) - 2, 0))])[order]
-    corner = np.concatenate([corner, extra])[order]
-    made = np.concatenate([made, q[extra]])[order]
-    upcoming = np.where(corner >= 0, corner, left + 1)
-    return Emission(
-        grid[order], made, corner, upcoming, int(crossed.sum()) - len(extra), len(extra)
-    )
-
-
-def as_given(time: np.ndarray, q: np.ndarray) -> Emission:
-    """A motion as it is."""
-    rows = np.arange(len(time))
-    return Emission(np.array(time), np.array(q), rows, rows, 0, 0)
-
-
-def _place(time: np.ndarray, grid: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Which straight piece each sample lies on, and which corner it is (-1: none)."""
-    if len(time) < 2:
-        return np.zeros(len(grid), int), np.zeros(len(grid), int)
-    left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
-    to_left, to_right = grid - time[left], time[left + 1] - grid
-    near = np.where(np.abs(to_left) <= np.abs(to_right), left, left + 1)
-    close = np.minimum(np.abs(to_left), np.abs(to_right)) * rate <= ON_CORNER
-    return left, np.where(close, near, -1)
-
-
-def _interpolate(
-    time: np.ndarray, q: np.ndarray, grid: np.ndarray, left: np.ndarray, corner: np.ndarray
-) -> np.ndarray:
-    if len(time) < 2:
-        return q[left]
-    share = (grid - time[left]) / (time[left + 1] - time[left])
-    share = np.clip(share, 0.0, 1.0)[:, None]
-    a, b = q[left], q[left + 1]
-    # Rounding must not carry a joint that rests on its limit beyond it.
-    made = np.clip((1.0 - share) * a + share * b, np.minimum(a, b), np.maximum(a, b))
-    on = corner >= 0
-    made[on] = q[corner[on]]
-    return made

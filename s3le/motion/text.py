@@ -17,7 +17,16 @@ import numpy as np
 
 from s3le.errors import TrajectoryError
 from s3le.motion.columns import ANGLES, ROOT, interpret
-from s3le.motion.trajectory import CLEARANCE, HEADING, MODE, TIME, Trajectory, twice, unrolled
+from s3le.motion.trajectory import (
+    CLEARANCE,
+    HEADING,
+    MODE,
+    SPEED,
+    TIME,
+    Trajectory,
+    twice,
+    unrolled,
+)
 
 if TYPE_CHECKING:
     from _csv import Reader  # what csv.reader returns; csv itself does not name it
@@ -35,6 +44,9 @@ def encode(trajectory: Trajectory) -> str:
     """The CSV: every number in as few digits as give it back to the bit."""
     header = [TIME, *trajectory.joints]
     columns = [trajectory.time.tolist(), *trajectory.q.T.tolist()]
+    if trajectory.v is not None:
+        header += [joint + SPEED for joint in trajectory.joints]
+        columns += trajectory.v.T.tolist()
     for name, values in (
         (HEADING, trajectory.heading),
         (CLEARANCE, trajectory.clearance),

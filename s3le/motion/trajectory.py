@@ -14,6 +14,7 @@ BETWEEN = "between"  # mode of a row on the path between two poses
 RESERVED = (TIME, HEADING, CLEARANCE, MODE)  # columns that are no joints
 WHOLE, METRES = "whole", "in_metres"  # what a file of the whole robot says of its joints
 UNIFORM = 1e-6  # two steps are alike if they differ by no more than this share
+SPEED = ".vel"  # what the column of a joint's speed is called, behind the joint's name
 LONGEST_NAME = 256  # [characters] of a joint or a mode; what is longer is damage
 
 
@@ -26,7 +27,10 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A motion of a robot, one row a moment; between rows the joints move straight."""
+    """A motion of a robot, one row a moment.
+
+    Between rows the joints move straight; or, if it has speeds, on the cubics that meet both.
+    """
 
     name: str  # in messages: the file, or the clip that it was made from
     joints: tuple[str, ...]  # as in the URDF
@@ -37,6 +41,7 @@ class Trajectory:
     about: Mapping[str, Any] = field(default_factory=dict)  # robot, certificate, ...: what JSON can
     heading: np.ndarray | None = None  # [rad], (n,), yaw of the base about z, unwrapped
     root: Placed | None = None  # as another file says it, for tools' layouts (motion.layouts)
+    v: np.ndarray | None = None  # [rad/s], [m/s], (n, len(joints)), finite; None: not told
 
     @property
     def rate(self) -> float | None:
@@ -59,6 +64,7 @@ def make(
     first: int = 0,
     row_is: str = "row",
     heading: np.ndarray | None = None,
+    v: np.ndarray | None = None,
 ) -> Trajectory:
     """A trajectory once its numbers can be believed; its arrays are read-only.
 
@@ -73,6 +79,7 @@ def make(
         first: number of the first row in messages.
         row_is: what a row is called in messages.
         heading: [rad], (n,), or None.
+        v: [rad/s], (n, n_dof), or None.
 
     Raises:
         TrajectoryError: no rows or joints, shapes that do not fit, joint names that repeat or
@@ -99,6 +106,14 @@ def make(
             f"{name}: {row_is} {first + row}: time {time[row]:.9g} s comes after "
             f"{time[row - 1]:.9g} s; it must rise from row to row"
         )
+    v = None if v is None else np.array(v, float)
+    if v is not None:
+        if v.shape != q.shape:
+            raise TrajectoryError(f"{name}: speeds of shape {v.shape} for angles {q.shape}")
+        for row, joint in np.argwhere(~np.isfinite(v))[:1]:
+            raise TrajectoryError(
+                f"{name}: {row_is} {first + row}: {joints[joint]}{SPEED} is {v[row, joint]}"
+            )
     clearance = None if clearance is None else np.array(clearance, float)
     mode = None if mode is None else np.array(mode, str)
     heading = None if heading is None else np.array(heading, float)
@@ -108,14 +123,14 @@ def make(
     if heading is not None:
         for row in np.flatnonzero(~np.isfinite(heading))[:1]:
             raise TrajectoryError(f"{name}: {row_is} {first + row}: heading is {heading[row]}")
-    for array in (time, q, heading, clearance, mode):
+    for array in (time, q, heading, clearance, mode, v):
         if array is not None:
             array.setflags(write=False)
     try:
         about = json.loads(json.dumps(dict(about or {}), allow_nan=False))
     except (TypeError, ValueError) as error:
         raise TrajectoryError(f"{name}: what is said about it is no JSON ({error})") from None
-    return Trajectory(name, joints, time, q, clearance, mode, about, heading)
+    return Trajectory(name, joints, time, q, clearance, mode, about, heading, v=v)
 
 
 def unit(trajectory: Trajectory, joint: str) -> str:

@@ -130,9 +130,16 @@ def complete(trajectory: Trajectory, robot: Geometry, whole: Whole) -> Trajector
     for column, joint in enumerate(whole.joints):
         q[:, column] = joint.held if joint.moved < 0 else trajectory.q[:, joint.moved]
     q.setflags(write=False)
+    v = None
+    if trajectory.v is not None:
+        v = np.zeros_like(q)
+        for column, joint in enumerate(whole.joints):
+            if joint.moved >= 0:
+                v[:, column] = trajectory.v[:, joint.moved]
+        v.setflags(write=False)
     about = {**trajectory.about, WHOLE: tree(whole)}
     names = tuple(joint.name for joint in whole.joints)
-    return replace(trajectory, joints=names, q=q, about=about)
+    return replace(trajectory, joints=names, q=q, v=v, about=about)
 
 
 def numbered(trajectory: Trajectory, whole: Whole) -> Trajectory:
@@ -140,7 +147,8 @@ def numbered(trajectory: Trajectory, whole: Whole) -> Trajectory:
     at = [trajectory.joints.index(name) for name in whole.depth_first]
     q = np.ascontiguousarray(trajectory.q[:, at])
     q.setflags(write=False)
-    return replace(trajectory, joints=whole.depth_first, q=q)
+    v = None if trajectory.v is None else np.ascontiguousarray(trajectory.v[:, at])
+    return replace(trajectory, joints=whole.depth_first, q=q, v=v)
 
 
 def tree(whole: Whole) -> dict[str, Any]:

@@ -19,7 +19,8 @@ from s3le.kernels.poses import AGREEMENT, inside
 from s3le.kernels.qp import SOLVED, inverse_factor, solve
 from s3le.kernels.solver import clearance_of
 from s3le.plan import curved
-from s3le.plan.chase import EPS, fastest, speeds
+from s3le.plan.chase import fastest, speeds
+from s3le.safety.curve import EPS
 from s3le.safety.segment import CERTIFIED, prove
 
 WANTED, LIMITED, SHORTENED, BRAKED, HELD = range(5)  # how a step came about

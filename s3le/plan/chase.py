@@ -9,8 +9,6 @@ import numpy as np
 
 from s3le.kernels.compiled import compiled
 
-EPS = 1e-7  # share of every limit that is not used, so that no rounding exceeds it
-
 
 @compiled
 def stopping(v, a, dt):

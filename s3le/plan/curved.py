@@ -16,12 +16,9 @@ import numpy as np
 from s3le.kernels.compiled import compiled
 from s3le.kernels.poses import AGREEMENT
 from s3le.kernels.solver import clearance_of
-from s3le.plan.chase import EPS
 from s3le.safety import curve
+from s3le.safety.rest import rests, within
 from s3le.safety.segment import CERTIFIED, prove_curve
-
-_FEW = 8  # rows of a stop that are looked at one by one; one of more keeps the margin throughout
-_BEYOND = 1e-9  # [rad], by which a joint may be beyond its limit between rows: of floats
 
 
 @compiled
@@ -56,56 +53,15 @@ def safe(chain, swept, s, c, v, to, lasts, dt, bounds, care, out):
     if found[0] != CERTIFIED:
         return False
     bound = found[1]
-    if not stops(chain, swept, s, end, w, 2.0 * dt - lasts, bounds, care, path, out):
+    good, used = rests(
+        chain, swept, s, end, w, bounds.acceleration, 2.0 * dt - lasts, care.margin, care.between,
+        care.budget, path,
+    )  # fmt: skip
+    out[1] += used
+    if not good:
         return False
     out[0] = bound
     return True
-
-
-@compiled
-def within(chain, path):
-    """Does a path stay within the limits of all joints, at every moment?"""
-    n = path.shape[1]
-    low = np.empty(n)
-    high = np.empty(n)
-    curve.span(path, low, high)
-    for i in range(n):
-        if not (chain.lower[i] - _BEYOND <= low[i] and high[i] <= chain.upper[i] + _BEYOND):
-            return False
-    return True
-
-
-@compiled
-def stops(chain, swept, s, q, v, dt, bounds, care, path, out):
-    """Is the motion proven on which the robot brakes from (q, v), and is where it ends a good pose?
-
-    The rows of it that lie dt apart keep the margin, and all of it `between`.
-
-    Args:
-        chain, swept, s, dt, bounds, care, out: see safe.
-        q, v: where it begins [rad], which keeps the margin, and its speed there [rad/s], (n,).
-        path: receives the motion, (curve.ROWS, n).
-    """
-    n = len(q)
-    hardest = bounds.acceleration * (1.0 - EPS)
-    lasts = curve.stop(q, v, hardest, dt, path)
-    if not lasts > 0.0:
-        return lasts == 0.0
-    here = np.empty(n)
-    rows = int(np.round(lasts / dt))
-    level = care.between
-    first = 1
-    if rows > _FEW:
-        level, first = care.margin + AGREEMENT, rows
-    for row in range(first, rows + 1):
-        curve.position(path, row / rows, here)
-        if not clearance_of(chain, swept.balls, here) >= care.margin + AGREEMENT:
-            return False
-    if not within(chain, path):
-        return False
-    found = prove_curve(chain, swept, s, path, level, care.budget)
-    out[1] += found[6]
-    return found[0] == CERTIFIED
 
 
 @compiled
@@ -134,7 +90,6 @@ def examine(
     q = np.empty(n)
     end = np.empty(n)
     path = np.empty((curve.ROWS, n))
-    out = np.zeros(2)
     for t in range(first, last):
         proven[t] = True
         where[t] = 0.0
@@ -159,7 +114,10 @@ def examine(
             if not proven[t]:
                 where[t] = found[3] if np.isfinite(found[3]) else 0.5 * (1.0 + found[2])
         if proven[t] and clearance[t] >= care.margin:
-            proven[t] = stops(chain, swept, s, end, w, dt[t], bounds, care, path, out)
+            proven[t] = rests(
+                chain, swept, s, end, w, bounds.acceleration, dt[t], care.margin, care.between,
+                care.budget, path,
+            )[0]  # fmt: skip
             if not proven[t]:
                 bound[t] = np.nan
                 where[t] = 1.0

@@ -15,8 +15,9 @@ from s3le.kernels.distance import near_pairs, place_capsules
 from s3le.kernels.kinematics import place
 from s3le.kernels.qp import SOLVED, inverse_factor, solve
 from s3le.plan.causal import BRAKED, LIMITED, Care, advance, brake, safe, search
-from s3le.plan.chase import EPS, fastest, speeds, stopping
+from s3le.plan.chase import fastest, speeds, stopping
 from s3le.plan.why import closest
+from s3le.safety.curve import EPS
 
 _SLOW = 0.5  # [rad/s], a robot whose joints are no faster hardly moves
 _HALVES = 4  # times that a step that does not lead nearer is halved

@@ -14,9 +14,9 @@ from s3le.kernels import batch
 from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import near_pairs, place_capsules
 from s3le.kernels.kinematics import bones, place
-from s3le.plan.chase import EPS
 from s3le.plan.interior import improve, warm, warm_rows
 from s3le.robot.chain import Chain
+from s3le.safety.curve import EPS
 from s3le.skeleton import DIM
 
 MORE = 24  # linearised clearances a frame that there is room for, in the mean

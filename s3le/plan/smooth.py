@@ -12,11 +12,12 @@ has a way to rest that has been proven.
 import numpy as np
 
 from s3le.errors import CertificateError
-from s3le.plan import causal, curved, limits
-from s3le.plan.chase import EPS
+from s3le.plan import causal, limits
 from s3le.plan.state import State, checked
 from s3le.plan.steps import Via, Walker
 from s3le.safety import curve
+from s3le.safety.curve import EPS
+from s3le.safety.rest import rests
 
 _SAME = 1e-12  # [s], two moments of a stop that differ by no more are one
 
@@ -81,7 +82,7 @@ class Smooth(Walker):
         share = min(t / self._lasts, 1.0)
         curve.position(self._path, share, q)
         if share < 1.0:
-            curve.rate(self._path, share, v)
+            curve.speed(self._path, share, v)
         return np.clip(q, self.most.lower, self.most.upper), v / self._lasts
 
     def _end(self, to: np.ndarray, dt: float) -> tuple[Via, ...]:
@@ -135,10 +136,11 @@ class Smooth(Walker):
         if state.v.any():
             path = np.empty((curve.ROWS, len(self._q)))
             good = (np.abs(state.v) <= self.most.speed * (1.0 + limits.ROUNDING)).all()
-            if not good or not curved.stops(
-                self._chain, self._swept, self._scratch, state.q, state.v, state.before,
-                self._bounds, self._care, path, np.zeros(2),
-            ):  # fmt: skip
+            care, hardest = self._care, self._bounds.acceleration
+            if not good or not rests(
+                self._chain, self._swept, self._scratch, state.q, state.v, hardest, state.before,
+                care.margin, care.between, care.budget, path,
+            )[0]:  # fmt: skip
                 raise CertificateError("from this state it is not proven that the robot can brake")
         self.put(state._replace(clearance=float(report.clearance[0]), stop=None))
         if state.v.any():

@@ -171,7 +171,7 @@ class Walker:
             CertificateError: the pose is not feasible, or from there it is not proven that the
                 robot can brake within its limits. Nothing has changed.
         """
-        q, v, before, _, even, asked, pace, flag, way = checked(state, len(self._q))
+        q, v, before, _, even, asked, pace, flag, way, _ = checked(state, len(self._q))
         report = self._certifier.require(q[None], self.robot.margin)
         if v.any():
             a, most = self.most.acceleration, self.most
@@ -232,7 +232,7 @@ class Walker:
         before = self._begin(before, dt)
         near = self._ends(dt)
         aim = None if wanted is None else self._aim(wanted, dt)
-        if aim is None:
+        if aim is None or wanted is None:
             how = self._brake(before, dt, to, out)
         elif self._as_wanted(aim, before, dt, self._bounds if self._even else near, to, out):
             how = causal.WANTED

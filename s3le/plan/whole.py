@@ -221,7 +221,7 @@ class _Job:
         margin = its.robot.margin
         near = first + np.flatnonzero(np.abs(self.clearance[part] - margin) < AGREEMENT)
         for row in near:
-            found = its._certifier.one(self._pose(row))[0]
+            found = its._certifier.one(self._pose(int(row)))[0]
             self.clearance[row] = (
                 max(found, margin) if found >= margin else min(found, np.nextafter(margin, 0.0))
             )

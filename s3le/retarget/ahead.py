@@ -9,7 +9,7 @@ import numpy as np
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
-from s3le.plan.whole import Planner
+from s3le.plan.whole import Plan, Planner
 from s3le.retarget.calm import middle
 from s3le.retarget.frames import Calm, seen
 from s3le.retarget.refine import LOOKUP, NOTHING
@@ -59,12 +59,13 @@ def planned(
         times = np.concatenate([times[0] - dt[0] * np.array([2.0, 1.0]), times])
         stood = np.concatenate([[start, start], wanted])
         plan = its.planner().plan(times, stood, skeleton=True, stands=True, progress=half)
-        plan = type(plan)(*(part[2:] for part in plan))
+    plan = Plan(*(part[0 if start is None else 2 :] for part in plan if part is not None))
+    assert plan.v is not None  # whole motions of a retargeter are curves
     mark(mode, plan.q, wanted)
     found = batch.skeletons(its.robot.chain, plan.q)
     far = 0.5 * np.square(found - aims).sum(axis=1) / len(its.robot.vectors)
     seconds += (clock.perf_counter() - began) / len(x)
-    return Rows(plan.q, mode, plan.clearance, plan.bound, far, cost, seconds)
+    return Rows(plan.q, mode, plan.clearance, plan.bound, far, cost, seconds, plan.v)
 
 
 def mark(mode: np.ndarray, q: np.ndarray, wanted: np.ndarray) -> None:

@@ -163,7 +163,8 @@ def convert_among(
     rows = rates.as_given(read.time, made.q)
     followed = Followed(
         seen.time, made.q[inside], words, made.after.clearance[inside],
-        np.full(len(seen.x), np.nan), *(np.full(len(seen.x), np.nan),) * 2, seconds[inside], 0, 0.0,
+        np.full(len(seen.x), np.nan), *(np.full(len(seen.x), np.nan),) * 2, seconds[inside],
+        np.full(made.q[inside].shape, np.nan), 0, 0.0,
     )  # fmt: skip
     summary = {
         **notes,

@@ -55,6 +55,7 @@ class Followed(NamedTuple):
     distance: np.ndarray  # (n,), mean cosine distance to the human; NaN: no human yet
     wanted: np.ndarray  # (n,), the same before the guard
     seconds: np.ndarray  # [s], (n,), what each took; NaN: nothing was computed
+    v: np.ndarray  # [rad/s], (n, n_dof)
     clip_from: int  # first row that belongs to a frame
     offset: float  # [s], time here minus time of the frames
 
@@ -144,7 +145,7 @@ def frame_by_frame(
     for frame, step in zip(x, dt, strict=True):
         began = clock.perf_counter()
         row = stream.step(frame, step)
-        rows.append((*row[:6], clock.perf_counter() - began))
+        rows.append((*row[:6], clock.perf_counter() - began, row.v))
         if progress:
             progress(1)
     return rows_of(rows)
@@ -195,7 +196,7 @@ def turned(a: np.ndarray, b: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 def _standing(q: np.ndarray) -> Rows:
     """The row of a robot that stands where it was told to begin."""
-    return rows_of([(np.array(q, float), Mode.START, *[np.nan] * 5)])
+    return rows_of([(np.array(q, float), Mode.START, *[np.nan] * 5, np.zeros(len(q)))])
 
 
 def _stack(one: Rows, other: Rows) -> Rows:

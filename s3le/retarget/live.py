@@ -83,7 +83,7 @@ class Live:
                 "joints": robot.joint_names,
                 **({"given": list(self._stream.given)} if self._stream.given else {}),
                 "q": robot.anchor.tolist(),
-                "units": {"t": "s", "q": "rad", "heading": "rad", "clearance": "m"},
+                "units": {"t": "s", "q": "rad", "v": "rad/s", "heading": "rad", "clearance": "m"},
                 "margin": robot.margin,
                 "margin_between": self._its.settings.between,
                 **self._about,
@@ -114,6 +114,7 @@ class Live:
         self._heading, self._human = heading, True
         return {
             "q": made.q.tolist(),
+            **({} if made.v is None else {"v": made.v.tolist()}),
             "heading": heading,
             "mode": made.mode,
             "clearance": made.clearance,

@@ -1,6 +1,7 @@
 """What is written of a retargeted clip: which files, which joints, which base, for which tools."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from s3le.motion.root import Root
 from s3le.motion.whole import Whole
 from s3le.retarget.clip import Result
 from s3le.robot.robot import Robot
+from s3le.safety import paths
 from s3le.store import documents, sidecar
 
 TABLE = "retarget.parquet"  # what became of each clip; see s3le.retarget.clips
@@ -146,6 +148,10 @@ def write(
     (out / summary_of(name)).unlink(missing_ok=True)
     for suffix in shape.suffixes:
         files.write(written, out / f"{name}{suffix}")
+    if shape.tools and result.motion.v is not None and complete is not None:
+        complete = replace(
+            complete, about={**complete.about, "straight_rows": _straight(result, robot)}
+        )
     for tool in shape.tools:
         to = out / f"{name}{layouts.SUFFIX[tool]}"
         assert complete is not None and joints is not None and shape.base is not None
@@ -155,3 +161,15 @@ def write(
     summary = {**summary, **(about or {}), sidecar.OUTPUT: held}
     documents.write_json(summary, out / summary_of(name))
     return Result(result.motion, summary)
+
+
+def _straight(result: Result, robot: Robot) -> dict[str, Any]:
+    """Whether a motion's rows hold too if joints move straight between them, as tools take them."""
+    between = result.summary["certificate"]["margin_between_m"]
+    status = paths.certify(robot, result.motion.q, between).status
+    missing = int((status != paths.CERTIFIED).sum())
+    return {
+        "proven": missing == 0,
+        "steps_not_proven": missing,
+        "about": "joints that move straight from row to row; what is certified is the curve",
+    }

@@ -36,10 +36,11 @@ class Rows(NamedTuple):
     distance: np.ndarray  # (n,), mean cosine distance to the human; NaN: no human yet
     wanted: np.ndarray  # (n,), the same of the pose wanted, before all limits in time
     seconds: np.ndarray  # [s], (n,), what each took; NaN: nothing was computed
+    v: np.ndarray  # [rad/s], (n, n_dof)
 
 
 def rows_of(each: Sequence[tuple[Any, ...]]) -> Rows:
-    """Columns of rows, each (q, mode, clearance, bound, distance, wanted, seconds)."""
+    """Columns of rows, each with the fields of Rows in their order."""
     q, mode, *numbers = zip(*each, strict=True)
     words = np.empty(len(mode), object)
     words[:] = mode

@@ -109,5 +109,5 @@ class Settings:
         """How the nearest certified motion is looked for."""
         return planning.Settings(
             target=float(self.target), between=float(self.between), budget=int(self.budget),
-            check=check,
+            check=check, curved=True,
         )  # fmt: skip

@@ -8,6 +8,7 @@ with the step before.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,7 +19,9 @@ from s3le.guard.given import Given, of, refuse
 from s3le.kernels import batch
 from s3le.kernels.poses import cost_of
 from s3le.plan import steps
-from s3le.plan.steps import SHORTEST, Walker
+from s3le.plan.flow import planner
+from s3le.plan.smooth import walker
+from s3le.plan.steps import SHORTEST, Via, Walker
 from s3le.plan.whole import Planner
 from s3le.retarget import exported
 from s3le.retarget.ahead import planned
@@ -53,6 +56,8 @@ class Step(NamedTuple):
     distance: float  # mean cosine distance to the human as wanted; NaN: no human yet
     wanted: float  # the same of the pose that would have been the answer without the guard
     given: str = ""  # what others did otherwise than was said of the step before; empty: nothing
+    v: np.ndarray | None = None  # [rad/s], (n_dof,), at q; None: straight, among given joints
+    via: tuple[Via, ...] = ()  # rows within the step, see plan.steps.Step
 
 
 class Stream:
@@ -165,12 +170,20 @@ class Stream:
             if not self._others and not made.certified:
                 mode = Mode.HALTED
             mode = self._forced(made, mode)
-            return self._answer(self._x, made.q, mode, made.clearance, made.bound, usable is None)
+            step = self._answer(self._x, made.q, mode, made.clearance, made.bound, usable is None)
+            return self._moving(step, made)
         if found == NOTHING:
             self._want[:] = its.robot.anchor
         self._walker = walker = its.walker(self._want, self._check)
         room = walker.clearance
-        return self._answer(self._x, walker.q, Mode.START, room, room, False)
+        step = self._answer(self._x, walker.q, Mode.START, room, room, False)
+        return step._replace(v=walker.v)
+
+    def _moving(self, step: Step, made: steps.Step) -> Step:
+        """A step with its speeds, where these are what was proven."""
+        if self._others or self._walker is None:
+            return step
+        return step._replace(v=self._walker.v, via=made.via)
 
     def _answer(
         self,
@@ -195,9 +208,10 @@ class Stream:
 
     def _still(self, made: steps.Step, mode: Mode) -> Step:
         """What is answered where no human has been seen."""
-        return Step(
+        step = Step(
             made.q, self._forced(made, mode), made.clearance, made.bound, np.nan, np.nan, self._word
         )
+        return self._moving(step, made)
 
     def _forced(self, made: steps.Step, mode: Mode) -> Mode:
         """The mode of a step; forced, if given joints left no certified way."""
@@ -296,11 +310,11 @@ class Retargeter:
         Raises:
             CertificateError: q is not feasible.
         """
-        return Walker(self.robot, self.most, self.settings.planning(check), q=q, skeleton=True)
+        return walker(self.robot, self.most, self.settings.planning(check), q=q, skeleton=True)
 
     def planner(self) -> Planner:
         """What plans whole motions; of one thread."""
-        return Planner(self.robot, self.most, self.settings.planning())
+        return planner(self.robot, self.most, self.settings.planning())
 
     def plan(
         self,
@@ -354,7 +368,8 @@ class Retargeter:
         if body is None:
             refuse(given_speed)
             return Stream(self, q, check)
-        others = Given(body, self.most, self.settings.planning(check), given_speed, skeleton=True)
+        own = replace(self.settings.planning(check), curved=False)
+        others = Given(body, self.most, own, given_speed, skeleton=True)
         others.walker.warm_up()
         return Stream(self, self.robot.anchor if q is None else q, check, others)
 

@@ -40,7 +40,9 @@ def summarise(
     report: audit.Report,
 ) -> dict[str, Any]:
     """What a person or a table wants to know of one clip."""
-    q = made.q[made.clip_from :]
+    seen = np.isfinite(frames.x).all(axis=1)
+    frames = frames._replace(x=frames.x[seen], frame=frames.frame[seen])
+    q = made.q[made.clip_from :][seen]
     x = batch.skeletons(robot.chain, q)
     bones = 1.0 - (x * frames.x).reshape(-1, 7, 3).sum(axis=2)  # (n, 7)
     words, counts = np.unique(made.mode, return_counts=True)
@@ -57,8 +59,6 @@ def summarise(
             "written": len(rows.time),
             "seconds": float(rows.time[-1] - rows.time[0]),
             "lead_in": made.clip_from,
-            "corners_cut_and_proven": rows.cut,
-            "corners_kept_as_rows": rows.kept,
         },
         "to_human": {
             **_spread(cosine_distance(x, frames.x, robot.followed)),
@@ -76,6 +76,7 @@ def summarise(
         "certified": {
             "poses": len(rows.time),
             "paths": max(len(rows.time) - 1, 0),
+            "stops": len(rows.time) if rows.v is not None else None,
             "share": 1.0,  # what is not is not written
             "proven_bound_m": report.bound if len(rows.time) > 1 else None,
         },

@@ -28,7 +28,7 @@ from s3le.tuples.engine.parcel import Refusal
 from s3le.tuples.engine.task import Job, Made
 from s3le.types import Progress
 
-_COLUMNS = ("time", "q", "clearance", "mode", "heading")  # of a motion
+_COLUMNS = ("time", "q", "clearance", "mode", "heading", "v")  # of a motion
 Bar = Callable[[ClipFrames], AbstractContextManager[Progress | None]]
 
 
@@ -212,7 +212,7 @@ def decode(data: bytes) -> Answer:
         return Answer(Refusal(**tree["refusal"]), notes)
     motion = trajectory.make(
         tree["name"], tree["joints"], arrays["time"], arrays["q"], arrays.get("clearance"),
-        arrays.get("mode"), tree["about"], heading=arrays.get("heading"),
+        arrays.get("mode"), tree["about"], heading=arrays.get("heading"), v=arrays.get("v"),
     )  # fmt: skip
     if "turn" in arrays:
         motion = dataclasses.replace(motion, root=Placed(arrays["position"], arrays["turn"]))

@@ -1,6 +1,7 @@
 """The paths between poses, certified: what `certificate` is to poses, this is to motions.
 
-Between two consecutive poses the joints move straight. `certify` proves that every watched pair
+Between two consecutive poses the joints move straight, or, where speeds are told with the poses, on
+the cubic that meets both (safety/curve.py). `certify` proves that every watched pair
 keeps `margin_between` on the whole of that path, or names a pose on it that does not, or, when its
 budget is spent, says that it does not know, which is never taken for a yes. The proof itself is
 that of kernels/segment.py. It speaks of clearance alone: that the poses keep `margin` and their
@@ -17,7 +18,7 @@ import numpy as np
 from s3le.errors import ParameterError
 from s3le.kernels.threads import workers
 from s3le.robot.robot import Robot
-from s3le.safety import segment
+from s3le.safety import curve, rest, segment
 from s3le.safety.segment import CERTIFIED, COLLIDES, UNDECIDED  # noqa: F401  of Segments.status
 from s3le.safety.swept import swept
 
@@ -43,8 +44,10 @@ def certify(
     margin_between: float,
     budget: int = BUDGET,
     progress: Callable[[int], object] | None = None,
+    time: np.ndarray | None = None,
+    v: np.ndarray | None = None,
 ) -> Segments:
-    """Prove the straight joint paths between consecutive poses of a trajectory.
+    """Prove the joint paths between consecutive poses of a trajectory.
 
     A path with an end that is not finite is UNDECIDED. The result does not depend on how many
     threads share the work.
@@ -55,6 +58,8 @@ def certify(
         margin_between: clearance to keep on the paths [m], above 0, at most robot.margin.
         budget: most poses looked at between two ends, at least 0.
         progress: called with numbers of further paths done.
+        time, v: when the poses are reached [s], (n,), and how fast [rad/s], (n, n_dof); without
+            them the paths are straight.
 
     Returns:
         Segments of n - 1 paths.
@@ -75,11 +80,20 @@ def certify(
     pair, used = np.full(n, -1, np.int64), np.zeros(n, np.int64)
     bounds = swept(chain)
 
+    dt, speeds = np.empty(0), np.empty((0, q.shape[1]))
+    if v is not None and time is not None:
+        speeds, dt = np.require(v, float, ["C", "W"]), np.diff(np.asarray(time, float))
+        if speeds.shape != q.shape or dt.shape != (n,):
+            raise ParameterError(f"speeds {speeds.shape} and times do not fit poses {q.shape}")
+
     def work(at: slice) -> int:
-        segment.prove_rows(
-            chain, bounds, segment.scratch(chain), q[at.start : at.stop + 1],
-            float(margin_between), int(budget), status[at], number[at], pair[at], used[at],
-        )  # fmt: skip
+        rows = slice(at.start, at.stop + 1)
+        room = float(margin_between), int(budget), status[at], number[at], pair[at], used[at]
+        its = chain, bounds, segment.scratch(chain)
+        if len(speeds):
+            segment.prove_steps(*its, q[rows], speeds[rows], dt[at], *room)
+        else:
+            segment.prove_rows(*its, q[rows], *room)
         return at.stop - at.start
 
     slices = [slice(i, min(i + CHUNK, n)) for i in range(0, n, CHUNK)]
@@ -90,6 +104,62 @@ def certify(
                 progress(done)
     bound, until, t, clearance = number.T
     return Segments(status, bound, until, t, pair, clearance, used)
+
+
+def sampled(
+    time: np.ndarray, q: np.ndarray, v: np.ndarray, left: np.ndarray, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and speeds at moments of a motion that is told by rows of both, (k, n_dof) each.
+
+    Args:
+        time, q, v: the rows [s], (n,), [rad], [rad/s], (n, n_dof).
+        left: row that each moment comes after, or is, int (k,), at most n - 2.
+        at: the moments [s], (k,).
+    """
+    q, v = np.require(q, float, ["C", "W"]), np.require(v, float, ["C", "W"])
+    found = np.empty((2, len(at), q.shape[1]))
+    left, at = np.ascontiguousarray(left, np.int64), np.ascontiguousarray(at, float)
+    curve.sample(q, v, np.array(time, float), left, at, found[0], found[1])
+    return found[0], found[1]
+
+
+def rests(
+    robot: Robot,
+    time: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    acceleration: np.ndarray,
+    margin_between: float,
+    budget: int = BUDGET,
+) -> np.ndarray:
+    """Has the robot a proven way to rest from each row? bool (n,).
+
+    Args:
+        robot: whose trajectory it is; its margin is kept by the rows of that way.
+        time, q, v: when [s], (n,), where [rad] and how fast [rad/s] it is, (n, n_dof).
+        acceleration: with which each joint may brake [rad/s^2], (n_dof,).
+        margin_between, budget: see certify.
+    """
+    _check(robot, margin_between, budget)
+    chain, n = robot.chain, len(q)
+    q, v = np.require(q, float, ["C", "W"]), np.require(v, float, ["C", "W"])
+    step = np.diff(time) if n > 1 else np.ones(1)
+    step = np.minimum(step, np.median(step))  # where rows are missing it brakes as elsewhere
+    dt, good = np.concatenate([step, step[-1:]])[:n], np.zeros(n, np.bool_)
+    bounds, hardest = swept(chain), np.array(acceleration, float)
+
+    def work(at: slice) -> None:
+        rest.rests_rows(
+            chain, bounds, segment.scratch(chain), q[at], v[at], hardest, dt[at],
+            robot.margin, float(margin_between), int(budget), good[at],
+        )  # fmt: skip
+
+    slices = [slice(i, min(i + CHUNK, n)) for i in range(0, n, CHUNK)]
+    with ThreadPoolExecutor(workers()) as pool:
+        for at in slices[:1]:  # in this thread, so that it is compiled once
+            work(at)
+        list(pool.map(work, slices[1:]))
+    return good
 
 
 def _check(robot: Robot, margin_between: float, budget: int) -> None:

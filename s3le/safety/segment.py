@@ -193,6 +193,22 @@ def prove_rows(chain, swept, s, q, margin, budget, status, number, pair, used):
 
 
 @compiled
+def prove_steps(chain, swept, s, q, v, dt, margin, budget, status, number, pair, used):
+    """The same of steps that are cubics: rows q, v [rad/s], (n, n_dof), dt apart [s], (n - 1,)."""
+    path = np.empty((curve.ROWS, q.shape[1]))
+    for i in range(len(q) - 1):
+        curve.cubic(q[i], v[i], q[i + 1], v[i + 1], dt[i], path)
+        found = prove_curve(chain, swept, s, path, margin, budget)
+        status[i] = found[0]
+        number[i, 0] = found[1]
+        number[i, 1] = found[2]
+        number[i, 2] = found[3]
+        number[i, 3] = found[5]
+        pair[i] = found[4]
+        used[i] = found[6]
+
+
+@compiled
 def _look(chain, s, straight, slot):
     """Place the robot at the slot's t."""
     t, q0, q1 = s.t[slot], s.path[curve.START], s.last

@@ -15,8 +15,9 @@ import numpy as np
 
 from s3le.robot.robot import Robot
 from s3le.robot.wholebody import WholeBody
-from s3le.safety import audit
-from s3le.safety.audit import Check, Demands, Report, _check
+from s3le.safety import audit, checks
+from s3le.safety.audit import Check, Demands, Report
+from s3le.safety.checks import check
 from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, certify
 
 
@@ -84,9 +85,9 @@ def look(
         rows=len(q),
         seconds=float(time[-1] - time[0]),
         checks=(
-            audit._limits(body.base, time, q),
-            audit._velocities(body.base, time, speed, wanted.velocity),
-            *([] if hardest is None else [audit.accelerations(body.base, time, q, hardest)]),
+            checks.limits(body.base, time, q, q),
+            checks.velocities(body.base, time, speed, wanted.velocity),
+            *([] if hardest is None else [checks.accelerations(body.base, time, q, hardest)]),
             poses,
             paths,
         ),
@@ -154,7 +155,7 @@ def _of(
 
     least = clearance[which, rows]
     close = np.any([part.close for part in parts], axis=0)
-    poses = _check("poses", "m", time, close, least - margin, least, pose, margin)
+    poses = check("poses", "m", time, close, least - margin, least, pose, margin)
     # What collides goes before what is not decided: how bad that is is not known.
     value = np.stack([np.where(p.status == UNDECIDED, np.nan, p.bound) for p in parts])
     status = np.stack([part.status for part in parts])
@@ -174,7 +175,7 @@ def _of(
 
     broken = np.any([part.open for part in parts], axis=0)
     order = np.where(undecided, np.inf, found)
-    paths = _check(
+    paths = check(
         "paths", "m", when, broken, order, found, path, wanted.margin_between
     )  # fmt: skip
     return poses, paths._replace(undecided=int(undecided.sum()))
@@ -194,7 +195,7 @@ def _given(
     most[~(most > 0.0)] = np.inf
     speed = np.abs(np.diff(q, axis=0)) / np.diff(time)[:, None]
     robot: Any = own
-    return audit._limits(robot, time, q), audit._velocities(robot, time, speed, most)
+    return checks.limits(robot, time, q, q), checks.velocities(robot, time, speed, most)
 
 
 class _Named(NamedTuple):

@@ -75,7 +75,7 @@ def of(trajectory: Trajectory, path: Path, robot: Robot, degrees: bool = False) 
     found = dict(zip(own.joints, own.q.T, strict=True))
     found |= dict(zip(others.joints, others.q.T, strict=True))
     q = np.stack([found[name] for name in wide.joint_names], axis=1)
-    whole = replace(own, joints=tuple(wide.joint_names), q=q)
+    whole = replace(own, joints=tuple(wide.joint_names), q=q, v=None)
     return Shown(path.stem, path, wide, whole, fitted.notes)
 
 

@@ -31,6 +31,7 @@ class Answered(NamedTuple):
     mode: np.ndarray  # str (n,), see tables.retargeted
     proposed_by: str  # key of methods.PROPOSERS
     pool: int  # poses that it stores
+    v: np.ndarray | None = None  # [rad/s], (n, n_dof); None: straight from frame to frame
 
 
 def stored(
@@ -97,14 +98,14 @@ def followed(
     about = documents.read_json(folder / exported.ABOUT, "export")
     retargeter = Retargeter.load(folder)
     refine = name == "certified_refined"
-    q, mode = follow(
+    q, v, mode = follow(
         robot, retargeter, frames["clip"], frames["time"], frames["x"], refine, progress
     )
     poses, pool = folder / exported.POSES, 0
     if poses.exists():  # a decoder has none
         table = stored_poses(robot.n_dof, robot.margin)
         pool = len(tables.read(table, poses, robot.tag, ("row",))["row"])
-    return Answered(q, np.full(len(q), -1), mode, about["method"], pool)
+    return Answered(q, np.full(len(q), -1), mode, about["method"], pool, v)
 
 
 def judge(
@@ -169,7 +170,7 @@ def judge(
             type(scored)(*(values[at] for values in scored)),
             checked,
             robot.margin,
-            between(robot, own, q[at], checked),
+            between(robot, own, q[at], checked, None if answered.v is None else answered.v[at]),
             answered.mode[at],
         )
         figures[part]["all"]["pool"] = answered.pool

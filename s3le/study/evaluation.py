@@ -7,7 +7,7 @@ import numpy as np
 
 from s3le.robot.certificate import Report
 from s3le.robot.robot import Robot
-from s3le.safety import audit, paths
+from s3le.safety import audit, checks, paths
 from s3le.safety.paths import CERTIFIED, COLLIDES
 from s3le.skeleton import cosine_distance
 
@@ -50,9 +50,13 @@ def score(
 
 
 def between(
-    robot: Robot, frames: Mapping[str, np.ndarray], q: np.ndarray, report: Report
+    robot: Robot,
+    frames: Mapping[str, np.ndarray],
+    q: np.ndarray,
+    report: Report,
+    v: np.ndarray | None = None,
 ) -> Between:
-    """Look at the straight joint paths from each frame to the next.
+    """Look at the joint paths from each frame to the next.
 
     A frame that is missing leaves a gap, which is no segment. Margin between poses and speeds are
     those that `s3le audit` asks for where nothing else is said.
@@ -62,6 +66,7 @@ def between(
         frames: columns clip, frame and time [s], (n,), in order.
         q: poses [rad], (n, n_dof).
         report: the independent check of these poses.
+        v: speeds [rad/s], (n, n_dof); None: the paths are straight.
 
     Raises:
         ParameterError: the robot's margin is 0, which leaves nothing for the paths.
@@ -70,12 +75,16 @@ def between(
     next_of = (frames["clip"][1:] == frames["clip"][:-1]) & (np.diff(frames["frame"]) == 1)
     row = np.flatnonzero(next_of)
     sound = (report.clearance >= robot.margin) & (report.limit_margin >= 0.0)  # NaN is not
-    free = paths.certify(robot, q, min(TOUCH, wanted.margin_between))
-    kept = paths.certify(robot, q, wanted.margin_between)
+    time = frames["time"]
+    free = paths.certify(robot, q, min(TOUCH, wanted.margin_between), time=time, v=v)
+    kept = paths.certify(robot, q, wanted.margin_between, time=time, v=v)
     # What the proof calls a collision, coal must see too.
     hit = row[free.status[row] == COLLIDES]
     t = free.t[hit][:, None]
-    seen = robot.certifier().check((1.0 - t) * q[hit] + t * q[hit + 1])
+    there = (1.0 - t) * q[hit] + t * q[hit + 1]
+    if v is not None:
+        there = paths.sampled(time, q, v, hit, time[hit] + t[:, 0] * (time[hit + 1] - time[hit]))[0]
+    seen = robot.certifier().check(there)
     collides = np.zeros(len(next_of), bool)
     collides[hit] = seen.clearance < 0.0
     step = np.abs(np.diff(q, axis=0))  # (n - 1, n_dof)
@@ -86,7 +95,7 @@ def between(
         collides=collides[row],
         undecided=(free.status[row] != CERTIFIED) & ~collides[row],
         unproven=kept.status[row] != CERTIFIED,
-        fast=np.asarray(~(speed <= wanted.velocity * (1.0 + audit.ROUNDING)).all(axis=1)),
+        fast=np.asarray(~(speed <= wanted.velocity * (1.0 + checks.ROUNDING)).all(axis=1)),
         jump=step[row].max(axis=1, initial=0.0),
         margin=wanted.margin_between,
     )

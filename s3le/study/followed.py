@@ -54,7 +54,7 @@ def follow(
     progress: Progress | None = None,
     *,
     look_ahead: bool = True,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Follow every motion from its own first pose on; refuse what does not hold.
 
     Args:
@@ -68,7 +68,8 @@ def follow(
         look_ahead: plan each motion as a whole, as `s3le retarget` does; False: frame by frame.
 
     Returns:
-        Pair (q, mode): poses [rad], (n, n_dof), and how each was obtained, words, (n,).
+        (q, v, mode): poses [rad] and speeds [rad/s], (n, n_dof), and how each was obtained, words,
+        (n,).
 
     Raises:
         BundleError: the retargeter is one of another robot.
@@ -88,27 +89,27 @@ def follow(
     made = []
     for rows in np.split(np.arange(len(x)), cuts):
         walk = _refined if refine else _looked_up
-        q, mode = walk(retargeter, x[rows], times[rows], look_ahead)
-        report = audit.audit(robot, times[rows], q, wanted)
+        q, v, mode = walk(retargeter, x[rows], times[rows], look_ahead)
+        report = audit.audit(robot, times[rows], q, wanted, v=v)
         if not report.holds:
             raise CertificateError(f"{clips[rows[0]]}: {report.complaint}")
-        made.append((q, mode))
+        made.append((q, v, mode))
         if progress:
             progress(len(rows))
-    poses, modes = (np.concatenate(part) for part in zip(*made, strict=True))
-    return poses, modes
+    poses, speeds, modes = (np.concatenate(part) for part in zip(*made, strict=True))
+    return poses, speeds, modes
 
 
 def _refined(
     retargeter: Retargeter, x: np.ndarray, times: np.ndarray, look_ahead: bool
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     made = loop(retargeter, x, times, look_ahead=look_ahead)
-    return made.q, made.mode
+    return made.q, made.v, made.mode
 
 
 def _looked_up(
     retargeter: Retargeter, x: np.ndarray, times: np.ndarray, look_ahead: bool
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # A first time through for what the look-up is asked and finds: one call a frame.
     recorder = _Recorder(retargeter)
     robot = retargeter.robot
@@ -125,4 +126,4 @@ def _looked_up(
         np.array([found[k] for found, k in zip(recorder.found, nearest, strict=True)]),
     )
     made = loop(Retargeter(robot, given, settings), given.x, times, look_ahead=look_ahead)
-    return made.q, made.mode
+    return made.q, made.v, made.mode
