@@ -24,13 +24,15 @@ from s3le.guard.wanted import Reader, duration
 from s3le.plan import limits
 from s3le.plan.limits import SHORTEST
 from s3le.plan.settings import Settings
+from s3le.plan.smooth import walker
 from s3le.plan.state import LONGEST, State
 from s3le.plan.steps import Walker
 from s3le.robot.known import MARGIN
 from s3le.robot.robot import Robot
 
 TOLERANCE = 0.1  # [rad], by which a measured joint may be away from where it should be
-SETTINGS = Settings(reserve=0.0005)  # of a guard: what is proven is to hold for other steps too
+# Of a guard: what is proven is to hold for other steps too.
+SETTINGS = Settings(reserve=0.0005, curved=True)
 
 
 class Guard:
@@ -83,7 +85,8 @@ class Guard:
         elif given_speed is not None:
             raise ParameterError("given_speed is said, but no joint of the robot is given")
         else:
-            self._walker = Walker(robot, self.most, self.settings, q=robot.anchor)
+            self._walker = walker(robot, self.most, self.settings, q=robot.anchor)
+        self._curved = self.settings.curved and not self._others
         self._tag = robot.tag + (f" given={','.join(self.given)}" if self._others else "")
         self._walker.warm_up()
         self._reasons = Reasons(robot, self.most, self.settings, self._walker.bodies)
@@ -328,10 +331,16 @@ class Guard:
             made = made._replace(certified=made.certified and not self._others.walker.apart)
         elif wanted is None:
             reason = BRAKED if v.any() else STOPPED
+        elif self._curved:  # control points move as rows of a straight motion do
+            at, to = self._q + 0.5 * dt * self._v, made.q + 0.5 * dt * v
+            reason = self._reasons.of(made.how, at, self._v, dt, dt, wanted, to)
         else:
             reason = self._reasons.of(made.how, self._q, self._v, before, dt, wanted, made.q)
         self._came, self._q, self._v, self._before = self._q, made.q, v, dt
-        return Step(made.q.copy(), v.copy(), reason, made.certified, made.clearance, made.bound)
+        return Step(
+            made.q.copy(), v.copy(), reason, made.certified, made.clearance, made.bound,
+            via=made.via,
+        )  # fmt: skip
 
     def _lead(self, leaving: Leaving, dt: float) -> Step:
         before = dt if np.isnan(self._before) else self._before
@@ -341,6 +350,8 @@ class Guard:
         self._came, self._q, self._v, self._before = self._q, q, v, dt
         if leaving.done:
             self._leaving = None
+            if self._curved:  # the way out, which is not certified, ends at rest
+                v = self._v = np.zeros_like(v)
             self._walker.put(
                 self._fresh._replace(q=q, v=v, before=dt, clearance=clearance, even=False)
             )  # fmt: skip

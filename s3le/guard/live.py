@@ -4,7 +4,7 @@ In: {"q": [rad, ...]} in the robot's order, or {"q": {"joint": rad, ...}}, or {"
 with "dt" [s] since the last line or "t" [s]; without either the stream's rate holds. Beside it, or
 alone: "measured", where the robot is, as q; "stop": true latches a stop, false releases it. Where
 others move joints: "given", where these are, and "given_next" [rad] or "given_speed" [rad/s]. Out:
-{"t", "q", "reason", "certified", "clearance"}, with "given" if others did not keep their word; or
+{"t", "q", "v", "reason", "certified", "clearance"}, with "given" if others did not keep their word; or
 {"line", "error"}; a refused line moves nothing and its time is added to the next one's. Human
 vectors are for s3le/retarget/live.py.
 """
@@ -191,6 +191,7 @@ def said_of(guard: Guard, given: Mapping[str, Any], dt: float) -> dict[str, Any]
     made = guard.step(given.get("q"), dt, given.get("measured"), **said)
     return {
         "q": made.q.tolist(),
+        "v": made.v.tolist(),
         "reason": made.reason,
         "certified": made.certified,
         "clearance": made.clearance,

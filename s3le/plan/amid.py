@@ -13,6 +13,8 @@ way along what is proven (s3le/plan/giveway.py); if nothing is, the step is forc
 certified.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
@@ -63,6 +65,8 @@ class Amid(Walker):
         Raises:
             ParameterError: an argument has another shape or is not finite.
         """
+        # Where others move, nobody says for how long a way to rest stays free: rows are straight.
+        settings = replace(settings or Settings(), curved=False)
         k = len(body.given)
         self.body, self._fold = body, Folded(body)
         self._now = pose(given, k, "given joints")

@@ -8,6 +8,7 @@ others leave no certified way are forced: they come out as such, and nothing is 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -51,7 +52,7 @@ class BodyPlanner(Planner):
             most: what each joint of ours may do.
             settings: see there.
         """
-        super().__init__(body.base, most, settings)
+        super().__init__(body.base, most, replace(settings or Settings(), curved=False))
         self.body = body
         self._moves(body.robot, body.own)
         self.terms = Terms(

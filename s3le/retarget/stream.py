@@ -8,7 +8,6 @@ with the step before.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -368,8 +367,7 @@ class Retargeter:
         if body is None:
             refuse(given_speed)
             return Stream(self, q, check)
-        own = replace(self.settings.planning(check), curved=False)
-        others = Given(body, self.most, own, given_speed, skeleton=True)
+        others = Given(body, self.most, self.settings.planning(check), given_speed, skeleton=True)
         others.walker.warm_up()
         return Stream(self, self.robot.anchor if q is None else q, check, others)
 
