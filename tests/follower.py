@@ -1,7 +1,7 @@
 """A retargeter for tests: what is asked of one, done plainly.
 
 Every frame is a constrained following from the pose before; the robot goes as far towards it as
-its speed allows and a proof exists, in halves, and else holds.
+its speed allows and a proof exists, in halves, and else holds. It comes to rest at every row.
 """
 
 from types import SimpleNamespace
@@ -74,13 +74,16 @@ class Plain:
 
     def _at(self, mode):
         clearance = float(self.robot.certifier().check(self._q[None]).clearance[0])
-        return Step(self._q.copy(), mode, clearance, np.nan, np.nan, np.nan)
+        still = np.zeros(self.robot.n_dof)
+        return Step(self._q.copy(), mode, clearance, np.nan, np.nan, np.nan, v=still)
 
     def _share(self, change, dt):
         moving = np.abs(change) > 0
         if not moving.any():
             return 1.0
-        return min(1.0, float((self.speed[moving] * dt / np.abs(change[moving])).min()))
+        # From rest to rest it goes half as fast again in between.
+        most = self.speed[moving] * dt / 1.5 * (1.0 - 1e-9)
+        return min(1.0, float((most / np.abs(change[moving])).min()))
 
 
 class Reckless(Plain):
@@ -94,4 +97,5 @@ class Reckless(Plain):
             self.robot.chain, x[None], starts, middle, 1e-3, self.robot.margin, False
         )
         q = np.clip(found.q[0], robot.lower, robot.upper)
-        return Step(q, Mode.REFINED, np.nan, np.nan, np.nan, np.nan)
+        still = np.zeros(robot.n_dof)
+        return Step(q, Mode.REFINED, np.nan, np.nan, np.nan, np.nan, v=still)

@@ -1,11 +1,14 @@
 """A guard that tests share, who wants impossible things of it, and rows checked by other means."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from worlds import inside_limits
 
 from s3le.guard import Guard
+from s3le.guard.answers import Step
+from s3le.guard.guard import SETTINGS
 from s3le.kernels import batch
 from s3le.plan import limits
 from s3le.robot.robot import Robot
@@ -18,12 +21,12 @@ RATES = (30.0, 100.0, 250.0)
 
 
 @cache
-def shared(name: str) -> Guard:
-    return Guard.load(name)
+def shared(name: str, straight: bool = False) -> Guard:
+    return Guard.load(name, settings=replace(SETTINGS, curved=not straight))
 
 
-def begun(name: str = "coman", q=None) -> Guard:
-    guard = shared(name)
+def begun(name: str = "coman", q=None, straight: bool = False) -> Guard:
+    guard = shared(name, straight)
     guard.start(q)
     return guard
 
@@ -47,23 +50,28 @@ def driven(guard: Guard, wanted: np.ndarray, dt: np.ndarray) -> tuple[np.ndarray
     return np.array([row.q for row in rows]), rows
 
 
-def assert_rows_hold(
-    robot: Robot, start: np.ndarray, q: np.ndarray, dt: np.ndarray, certified: np.ndarray
-) -> None:
-    """By differences, coal and the proof; nothing that the guard computed is used.
+def assert_rows_hold(robot: Robot, start: np.ndarray, rows: list[Step], dt: np.ndarray) -> None:
+    """By coal and the proof; nothing that the guard computed is used but its rows.
 
-    Speed and acceleration of a row are those of the step that ends there, from rest before row 0.
+    From rest before row 0; between rows, and those on the way, each joint is accelerated evenly.
     """
-    q = np.vstack([start, q])
-    speed = np.array([j.velocity for j in robot.joints])
-    v = np.diff(q, axis=0) / dt[:, None]
-    before = np.concatenate([dt[:1], dt[:-1]])
-    a = np.diff(np.vstack([np.zeros(len(start)), v]), axis=0) / (0.5 * (before + dt))[:, None]
-    assert (np.abs(v) <= speed * ROUNDED)[certified].all()
-    assert (np.abs(a) <= limits.limits(robot).acceleration * ROUNDED)[certified].all()
-    report = robot.certifier().check(q[1:])
-    assert (report.clearance >= robot.margin).all() and (report.limit_margin >= 0.0).all()
-    assert (certify(robot, q, BETWEEN).status == CERTIFIED).all()
+    t, q, v, row_of = [0.0], [start], [np.zeros(len(start))], [-1]
+    for number, (row, step) in enumerate(zip(rows, dt, strict=True)):
+        now = np.sum(dt[:number])
+        for after, at, speed in (*row.via, (step, row.q, row.v)):
+            t, q, v = [*t, now + after], [*q, at], [*v, speed]
+            row_of.append(number if after == step else -1)
+    t, q, v, row_of = np.array(t), np.array(q), np.array(v), np.array(row_of)
+    took = np.diff(t)[:, None]
+    assert np.abs(np.diff(q, axis=0) - 0.5 * took * (v[1:] + v[:-1])).max() < 1e-9
+    most = np.array([j.velocity for j in robot.joints]) * ROUNDED
+    a = np.abs(np.diff(v, axis=0)) / took
+    assert (np.abs(v) <= most).all()
+    assert (a <= limits.limits(robot).acceleration * (1.0 + 1e-6)).all()
+    report = robot.certifier().check(q[row_of >= 0])
+    assert (report.clearance >= robot.margin)[[row.certified for row in rows]].all()
+    assert (report.limit_margin >= 0.0).all()
+    assert (certify(robot, q, BETWEEN - AGREEMENT, time=t, v=v).status == CERTIFIED).all()
 
 
 # --- reasons

@@ -10,8 +10,7 @@ from s3le.kernels import batch
 from s3le.retarget.propose import LookUp
 from s3le.retarget.settings import Settings
 from s3le.retarget.stream import Retargeter
-from s3le.safety.judge import Judge
-from s3le.safety.paths import CERTIFIED, certify
+from s3le.safety.paths import CERTIFIED, certify, sampled
 from s3le.search import neighbours
 
 BETWEEN = 0.0005  # [m]
@@ -48,14 +47,29 @@ def motion(n=120, seed=1):
     return batch.skeletons(made.chain, q)
 
 
-def held_to_its_word(q, dt, speed=SPEED, judged=3):
-    """Poses by coal, paths by proof and, the closest of them, by dense sampling, speeds."""
-    made = coman()
+def held_to_its_word(q, v, dt, via=None, speed=SPEED, judged=3):
+    """Poses by coal, curves by proof and, the closest of them, by dense sampling, speeds.
+
+    Where no time passed nothing may have moved; via are rows within steps, see plan.steps.Step.
+    """
+    made, q, v, dt = coman(), np.asarray(q), np.asarray(v), np.asarray(dt, float)
     report = made.certifier().check(q)
     assert (report.clearance >= MARGIN).all() and (report.limit_margin >= 0.0).all()
-    found = certify(made, q, BETWEEN)
+    still = dt == 0.0
+    assert (q[1:][still] == q[:-1][still]).all() and (v[1:][still] == v[:-1][still]).all()
+    t, at, fast = [0.0], [q[0]], [v[0]]
+    for k in np.flatnonzero(~still):
+        for after, here, w in (*(via[k] if via else ()), (dt[k], q[k + 1], v[k + 1])):
+            t.append(dt[:k].sum() + after)
+            at, fast = [*at, here], [*fast, w]
+    t, at, fast = np.array(t), np.array(at), np.array(fast)
+    took = np.diff(t)[:, None]
+    assert np.abs(np.diff(at, axis=0) - 0.5 * took * (fast[1:] + fast[:-1])).max(initial=0) < 1e-8
+    found = certify(made, at, BETWEEN - AGREEMENT, time=t, v=fast)
     assert (found.status == CERTIFIED).all()
-    assert (np.abs(np.diff(q, axis=0)) <= speed * np.asarray(dt)[:, None]).all()
-    judge = Judge(made.certifier())
+    assert (np.abs(fast) <= speed * (1.0 + 1e-9)).all()
+    checker = made.certifier()
     for row in np.argsort(found.bound)[:judged]:
-        assert judge.path(q[row], q[row + 1]).clearance >= BETWEEN - AGREEMENT
+        moments = np.linspace(t[row], t[row + 1], 40)
+        there = sampled(t, at, fast, np.full(40, row), moments)[0]
+        assert checker.check(there).clearance.min() >= BETWEEN - AGREEMENT

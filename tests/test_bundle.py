@@ -49,7 +49,7 @@ def folder(tmp_path_factory):
 
 def test_what_is_exported_retargets(folder):
     found = follow(Retargeter.load(folder), motion()[:40], np.arange(40) * DT)
-    held_to_its_word(found.q, np.full(39, DT))
+    held_to_its_word(found.q, found.v, np.full(39, DT))
 
 
 @pytest.mark.parametrize("method", ["ale", "skeleton"])
@@ -58,7 +58,7 @@ def test_a_method_without_an_index_or_without_a_model_is_exported_too(method, tm
     index = an_index(stored()[1]) if method == "skeleton" else None
     save(tmp_path / "it", coman(), method, "l2", DEFAULT, index, path)
     found = follow(Retargeter.load(tmp_path / "it"), motion()[:20], np.arange(20) * DT)
-    held_to_its_word(found.q, np.full(19, DT))
+    held_to_its_word(found.q, found.v, np.full(19, DT))
 
 
 def test_two_exports_are_the_same_bytes(folder, tmp_path):

@@ -71,7 +71,7 @@ def test_every_format_that_is_known_is_read(tmp_path, kind, wave):
     assert frames.x.shape == (frames.total, 21) and frames.fps > 0
 
 
-def test_frames_that_cannot_be_used_leave_a_gap_in_time(tmp_path):
+def test_rows_go_on_where_frames_cannot_be_used(tmp_path):
     path = write(tmp_path / "falls.bvh", waving(45, broken=(0, 10, 11, 12)))
     frames = read_frames(path, "midpoint")
     assert frames.total == 45 and len(frames.x) == 41
@@ -79,8 +79,10 @@ def test_frames_that_cannot_be_used_leave_a_gap_in_time(tmp_path):
     assert frames.time[0] == pytest.approx(1 / frames.fps)
     assert frames.gap == pytest.approx(4 / frames.fps)
     made = clip.convert(follower(), frames)
-    assert len(made.motion.time) == 41 and holds(made)
-    assert made.motion.time == pytest.approx(frames.time, abs=0)
+    assert len(made.motion.time) == 44 and holds(made)
+    assert np.diff(made.motion.time) == pytest.approx(1 / frames.fps)
+    assert np.flatnonzero(made.motion.mode == "dropped").tolist() == [9, 10, 11]
+    assert made.summary["to_human"]["mean"] < 0.05  # over the frames that were seen
     assert made.summary["frames"]["longest_gap_s"] == pytest.approx(4 / frames.fps)
 
 
@@ -137,13 +139,13 @@ def test_at_any_rate_it_holds_and_stays_on_the_path(wave, rate):
     plain = clip.convert(follower(), frames)
     made = clip.convert(follower(), frames, rate=rate)
     assert holds(made)
-    steps = np.diff(made.motion.time)
-    assert steps.max() <= (1 + 1e-9) / rate
+    assert np.diff(made.motion.time) == pytest.approx(1 / rate, rel=1e-6)
     for j in range(11):
         path = np.interp(made.motion.time, plain.motion.time, plain.motion.q[:, j])
-        assert made.motion.q[:, j] == pytest.approx(path, abs=1e-9)
-    assert made.summary["modes"] == plain.summary["modes"]  # of frames, not of rows
-    assert made.summary["to_human"] == plain.summary["to_human"]
+        assert made.motion.q[:, j] == pytest.approx(path, abs=0.02)
+    assert made.summary["to_human"]["mean"] == pytest.approx(
+        plain.summary["to_human"]["mean"], abs=1e-4
+    )
 
 
 def test_a_lead_in_begins_at_the_anchor_and_is_marked(wave):
@@ -156,8 +158,9 @@ def test_a_lead_in_begins_at_the_anchor_and_is_marked(wave):
     assert motion.time[lead].max() == pytest.approx(1.0, abs=0.04)
     assert not lead[motion.time > 1.05].any() and lead[1:90].all()
     offset = motion.about["clip_time_offset_s"]
-    assert offset == pytest.approx(31 / frames.fps)
-    assert made.summary["rows"]["lead_in"] == 31
+    pace = 100.0 / 3  # that the clip is followed at
+    assert offset == pytest.approx(made.summary["rows"]["lead_in"] / pace)
+    assert made.summary["rows"]["lead_in"] == round(pace) + 1
 
 
 def test_an_approach_turns_every_bone_from_one_to_the_other():

@@ -19,7 +19,7 @@ def test_whatever_is_wanted_every_row_holds(name, rate):
     dt = np.full(m, 1.0 / rate)
     q, rows = driven(guard, adversary(guard, m, rate, 1), dt)
     assert all(row.certified for row in rows)
-    assert_rows_hold(guard.robot, guard.robot.anchor, q, dt, np.ones(m, bool))
+    assert_rows_hold(guard.robot, guard.robot.anchor, rows, dt)
     assert all(row.clearance >= MARGIN and row.bound >= BETWEEN for row in rows)
     assert np.abs(np.diff(q, axis=0)).max() > 0.01  # and it moves
 
@@ -29,12 +29,11 @@ def test_whatever_is_wanted_every_row_holds(name, rate):
 def test_uneven_steps_hold_too_and_what_does_not_says_so(name, spread):
     guard, m = begun(name), 600
     dt = np.random.default_rng(2).uniform(*spread, m)
-    q, rows = driven(guard, adversary(guard, m, 30.0, 3), dt)
+    _, rows = driven(guard, adversary(guard, m, 30.0, 3), dt)
     certified = np.array([row.certified for row in rows])
-    assert_rows_hold(guard.robot, guard.robot.anchor, q, dt, certified)
-    # Where no row can be certified the robot stands still at once.
-    still = np.array([(row.v == 0.0).all() for row in rows])
-    assert still[~certified].all()
+    assert_rows_hold(guard.robot, guard.robot.anchor, rows, dt)
+    # What is not certified is a row of a stop that was proven, where it keeps less than the margin.
+    assert all(row.clearance >= BETWEEN for row in rows)
     assert (~certified).mean() <= {0.0044: 0.0, 0.0367: 0.005, 0.08: 0.01}[spread[1]]
 
 

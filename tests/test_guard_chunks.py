@@ -73,23 +73,25 @@ def test_a_state_from_which_nothing_is_proven_is_refused(spoil, error, says):
     assert (guard.q == q).all() and guard.step(q, 0.03).certified
 
 
-def test_guarding_what_is_guarded_changes_nothing():
+def test_guarding_straight_what_is_guarded_straight_changes_nothing():
     for name, rate in (("coman", 30.0), ("coman", 250.0), ("g1", 100.0)):
-        guard = begun(name)
+        guard = begun(name, straight=True)
         m = int(3 * rate)
         dt = np.full(m, 1.0 / rate)
         once, _ = driven(guard, adversary(guard, m, rate, 12), dt)
-        twice, rows = driven(begun(name), once, dt)
+        twice, rows = driven(begun(name, straight=True), once, dt)
         assert twice.tobytes() == once.tobytes()
         assert {row.reason for row in rows} == {"as wanted"}
 
 
 def test_a_planned_motion_that_could_brake_comes_back_to_the_bit():
-    robot, guard = coman(), shared("coman")
+    robot, guard = coman(), shared("coman", straight=True)
     still, poses = np.repeat(robot.anchor[None], 40, axis=0), adversary(guard, 90, 30.0, 13)
     wanted = np.vstack([still, 0.7 * robot.anchor + 0.3 * poses, still])
     made = Planner(robot).plan(np.arange(len(wanted)) / 30.0, wanted).q
-    again, rows = driven(begun(q=made[0]), made[1:], np.full(len(made) - 1, 1.0 / 30.0))
+    again, rows = driven(
+        begun(q=made[0], straight=True), made[1:], np.full(len(made) - 1, 1.0 / 30.0)
+    )
     assert {row.reason for row in rows} == {"as wanted"}
     assert again.tobytes() == made[1:].tobytes()
 

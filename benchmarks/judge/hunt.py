@@ -55,14 +55,13 @@ class _Seen:
         self.refused += made.refused
         least, fastest, nearest = np.inf, 0.0, None
         for i in range(len(made.q1)):
-            step = made.q0[i], made.q1[i], float(made.dt[i]), made.came(i)
-            seen = self.coal.add(self.court.coal.step(*step))
+            seen = self.coal.add(made.judged(self.court.coal, i))
             broken = seen.broken
             fastest = max(fastest, seen.speed)
             if not seen.clearance >= least:
                 least, nearest = seen.clearance, made.q0[i]
                 if self.court.mujoco:
-                    broken += self.mujoco.add(self.court.mujoco.step(*step)).broken
+                    broken += self.mujoco.add(made.judged(self.court.mujoco, i)).broken
             if broken:
                 self.violations += 1
                 self.first.append(written(it, made, i, broken, seen))

@@ -9,6 +9,7 @@ the documented error and change nothing; what comes out must hold.
 
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,10 +21,9 @@ from streams import Log, Steps
 from s3le.errors import CertificateError, ParameterError, StateError, TrajectoryError
 from s3le.guard import clean
 from s3le.guard.claim import claim
-from s3le.guard.guard import Guard
+from s3le.guard.guard import SETTINGS, Guard
 from s3le.guard.reasons import LEADING_OUT
 from s3le.guard.task import Reading
-from s3le.plan.settings import Settings
 from s3le.retarget.follow import follow
 from s3le.retarget.stream import Retargeter
 from s3le.robot.robot import Robot
@@ -53,7 +53,8 @@ class Wanted(NamedTuple):
 
 def guards_of(robot: Robot, close: bool) -> Guards:
     """The guards of a robot; close: the live one aims at the margin and not beyond."""
-    settings = Settings(target=robot.margin, reserve=0.0, check=False) if close else None
+    near = replace(SETTINGS, target=robot.margin, reserve=0.0, check=False)
+    settings = near if close else None
     return Guards(Guard(robot, settings=settings), clean.Guard(*claim(robot)))
 
 
@@ -213,10 +214,13 @@ def _step(guard: Guard, log: Log, i: int, given: tuple, must: bool, free: tuple)
         log.wrong.append(f"row {i} had to be refused, and was answered: {str(given)[:200]}")
     if made.certified and made.reason == LEADING_OUT:
         log.wrong.append(f"row {i} leads out, and is called certified")
+    rows = () if out else streams.moved(before, v, made.q, made.v, float(given[1]), made.via)
     log.add(
         before, made.q, given[1], made.reason.split(" ")[0], i, free,
-        smooth=made.certified or out, led=out,
+        smooth=made.certified or out, led=out, rows=rows, v1=made.v,
     )  # fmt: skip
+    if i % streams.STOP_EVERY == 0:
+        streams.stopped(log, guard.rest(), i, free)
 
 
 def _chunks(guard: Guard, wanted: Wanted, rng: np.random.Generator, log: Log) -> None:
@@ -231,7 +235,7 @@ def _chunks(guard: Guard, wanted: Wanted, rng: np.random.Generator, log: Log) ->
             rows[rng.integers(len(rows))] = np.nan
             must = True
         driven = int(rng.integers(1, len(rows) + 1))
-        before, out = guard.q, guard.leading_out
+        before, v, out = guard.q, guard.v, guard.leading_out
         try:
             guard.chunk(rows, dt)  # moves nothing
             if (guard.q != before).any():
@@ -248,11 +252,15 @@ def _chunks(guard: Guard, wanted: Wanted, rng: np.random.Generator, log: Log) ->
         each = np.broadcast_to(dt, len(rows))
         for k in range(driven):
             led = out and made.reason[k] == LEADING_OUT
+            curve = () if led else streams.moved(
+                before, v, made.q[k], made.v[k], float(each[k]), made.via[k]
+            )  # fmt: skip
             log.add(
                 before, made.q[k], float(each[k]), made.reason[k].split(" ")[0], first + k,
-                (free, rows[k]), smooth=bool(made.certified[k]) or led, led=led,
+                (free, rows[k]), smooth=bool(made.certified[k]) or led, led=led, rows=curve,
+                v1=made.v[k],
             )  # fmt: skip
-            before, free = made.q[k], rows[k]
+            before, v, free = made.q[k], made.v[k], rows[k]
         if (guard.q != made.q[driven - 1]).any():
             log.wrong.append(f"rows {first}: the robot is not where the driven rows lead")
         first += driven

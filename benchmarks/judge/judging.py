@@ -1,6 +1,7 @@
 """The independent judge: does what was done keep what is promised of it? By dense samples.
 
-A step is the straight joint path from one pose to the next. It is sampled so densely that no point
+A step is the joint path from one pose to the next: straight, or, where speeds are told, parabolas
+between rows of position and speed, which must meet. It is sampled so densely that no point
 of any body moves more than 1 mm between two samples, and an engine that shares nothing with the
 retargeter's kernels measures every watched pair that can come near. Left out are pairs that cannot:
 in the middle of each PART of the samples the engine measures all of them, and a pair that is then
@@ -11,6 +12,7 @@ It proves nothing. It looks, at other places and with other arithmetic than the 
 judges; so it would see a proof that is wrong.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +26,7 @@ FAR = 0.005  # [m], pairs that stay farther apart than this are not sampled
 PART = 64  # samples for which it is settled at once which pairs are near
 SHORTEST, LONGEST = 1e-6, 1.0  # [s], as promised: below, nothing moves; above, no more than in this
 KINDS = ("collision", "between", "margin", "limits", "speed", "acceleration", "held")
+_MEETS = 1e-9  # [rad], [rad/s], by which rows of a curve may miss each other: of floats
 _FLOATS = 4.0 * np.finfo(float).eps  # of a second difference of angles, of the largest angle
 
 
@@ -44,6 +47,14 @@ class Came(NamedTuple):
 
     v: np.ndarray  # [rad/s], (n_dof,), its speed in the step before
     dt: float  # [s], duration of that step; NaN: nothing is promised of the change
+
+
+class Row(NamedTuple):
+    """A moment of a step whose speed is continuous."""
+
+    t: float  # [s], since the step began
+    q: np.ndarray  # [rad], (n_dof,)
+    v: np.ndarray  # [rad/s], (n_dof,)
 
 
 class Verdict(NamedTuple):
@@ -109,24 +120,92 @@ class Judge:
             if not hardest <= 1.0 + promise.rounding + 1e-9:
                 broken.append("acceleration")
         seen = self.path(q0, q1)
+        broken += self._apart_enough(seen)
+        return seen._replace(broken=tuple(broken), speed=ratio, hardest=hardest)
+
+    def curve(self, rows: Sequence[Row], came: Came | None = None) -> Verdict:
+        """Judge a step whose speed is continuous, from its first row to its last.
+
+        Args:
+            rows: two at least; each joint is accelerated evenly from one to the next.
+            came: what went before; None: its speed is not looked at.
+        """
+        promise, broken = self._promise, []
+        t = np.array([row.t for row in rows])
+        q, v = np.array([row.q for row in rows]), np.array([row.v for row in rows])
+        dt = np.diff(t)[:, None]
+        if not (np.isfinite(q).all() and np.isfinite(v).all() and np.abs(q).max() < 1e3):
+            return Verdict(KINDS, np.nan, np.nan, np.nan, -1, np.nan, np.nan, 0, 0)
+        if not (dt > 0.0).all():
+            return Verdict(("held",), np.nan, np.nan, np.nan, -1, np.nan, np.nan, 0, 0)
+        bent = (v[1:] - v[:-1]) / dt
+        # That a parabola leads from each row to the next is promised too; angles are floats.
+        fine = _FLOATS * np.abs(q).max()
+        off = np.abs(q[:-1] + 0.5 * dt * (v[1:] + v[:-1]) - q[1:])
+        ratio, hardest = float((np.abs(v) / promise.speed).max()), 0.0
+        if not (off <= _MEETS + fine).all() or (
+            came is not None and not np.abs(v[0] - came.v).max() <= _MEETS
+        ):
+            broken.append("acceleration")
+        if not ratio <= 1.0 + promise.rounding + 1e-9:
+            broken.append("speed")
+        hard = np.maximum(np.abs(bent) - 2.0 * fine / dt**2, 0.0)
+        hardest = float((hard / promise.acceleration).max())
+        if not hardest <= 1.0 + promise.rounding + 1e-9:
+            broken.append("acceleration")
+        path = self.sampled(rows)
+        inside = (promise.lower - _MEETS <= path) & (path <= promise.upper + _MEETS)
+        ends = (promise.lower <= q[-1]) & (q[-1] <= promise.upper)
+        if not (inside.all() and ends.all()):
+            broken.append("limits")
+        seen = self._along(path)
+        broken += self._apart_enough(seen)
+        return seen._replace(broken=tuple(dict.fromkeys(broken)), speed=ratio, hardest=hardest)
+
+    def sampled(self, rows: Sequence[Row]) -> np.ndarray:
+        """Poses of a curve [rad], (m, n_dof): between two no point moves more than STEP."""
+        return self._cut(rows, lambda v, bent, dt: (self._reach @ v).max() * dt / STEP)
+
+    def chords(self, rows: Sequence[Row], sag: float) -> np.ndarray:
+        """Poses of a curve [rad], (m, n_dof), from whose chords no point strays by more [m]."""
+        return self._cut(
+            rows, lambda v, bent, dt: np.sqrt((self._reach @ bent).max() * dt**2 / (8.0 * sag))
+        )
+
+    def _cut(self, rows: Sequence[Row], pieces: Callable) -> np.ndarray:
+        poses = [rows[0].q[None]]
+        for one, other in zip(rows, rows[1:], strict=False):
+            dt = other.t - one.t
+            bent, most = (other.v - one.v) / dt, np.maximum(np.abs(one.v), np.abs(other.v))
+            count = max(1, int(np.ceil(pieces(most, np.abs(bent), dt))))
+            s = np.linspace(0.0, dt, count + 1)[1:, None]
+            poses.append(one.q + s * one.v + 0.5 * s**2 * bent)
+            poses[-1][-1] = other.q
+        return np.concatenate(poses)
+
+    def _apart_enough(self, seen: Verdict) -> list[str]:
+        broken = []
         if not seen.clearance > 0.0:
             broken.append("collision")
-        if not seen.clearance >= promise.between - KERNELS_AGREE:
+        if not seen.clearance >= self._promise.between - KERNELS_AGREE:
             broken.append("between")
-        if not seen.end >= promise.margin - self.engine.agrees:
+        if not seen.end >= self._promise.margin - self.engine.agrees:
             broken.append("margin")
-        return seen._replace(broken=tuple(broken), speed=ratio, hardest=hardest)
+        return broken
 
     def path(self, q0: np.ndarray, q1: np.ndarray) -> Verdict:
         """Look at the straight path from q0 to q1 [rad], finite, both ends included."""
-        q, moved = self.samples(q0, q1), np.abs(q1 - q0)
+        return self._along(self.samples(q0, q1))
+
+    def _along(self, q: np.ndarray) -> Verdict:
+        """Look at samples of a path [rad], (m, n_dof)."""
         least, pair = np.full(len(q), FAR), np.full(len(q), -1, np.int64)
         poses = checks = 0
         for first in range(0, len(q), PART):
             part = slice(first, min(first + PART, len(q)))
             count = part.stop - part.start
-            middle = self.engine.pairs(0.5 * (q[part.start] + q[part.stop - 1]))
-            travel = self._apart @ moved * ((count - 1) / max(len(q) - 1, 1) / 2)
+            middle = self.engine.pairs(q[part.start + count // 2])
+            travel = self._apart @ np.abs(q[part] - q[part.start + count // 2]).max(axis=0)
             near = np.flatnonzero(~(middle - travel > FAR))  # catches NaN
             poses, checks = poses + 1, checks + len(middle)
             if len(near):

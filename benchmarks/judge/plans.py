@@ -112,5 +112,21 @@ def drive(retargeter: Retargeter, clip: Clip) -> Steps:
     for i in range(1, m):
         dt = float(made.time[i] - made.time[i - 1])
         free = wanted[i - 1], wanted[i]
-        log.add(made.q[i - 1], made.q[i], dt, made.mode[i], i, free, smooth=stands or i > 1)
+        rows = streams.moved(made.q[i - 1], made.v[i - 1], made.q[i], made.v[i], dt, ())
+        log.add(
+            made.q[i - 1], made.q[i], dt, made.mode[i], i, free, smooth=stands or i > 1, rows=rows
+        )  # fmt: skip
+        if i % streams.STOP_EVERY == 0:
+            grid = float(np.median(np.diff(made.time)))
+            streams.stopped(log, at_rest(retargeter, made.q[i], made.v[i], grid), i, free)
     return log.steps()
+
+
+def at_rest(retargeter: Retargeter, q: np.ndarray, v: np.ndarray, dt: float) -> list[tuple]:
+    """Rows of the motion on which each joint brakes as hard as it may, in steps of dt [s]."""
+    most, rows = retargeter.most.acceleration * (1.0 - 1e-7), [(0.0, q, v)]
+    while rows[-1][2].any():
+        t, here, fast = rows[-1]
+        slower = np.sign(fast) * np.maximum(np.abs(fast) - most * dt, 0.0)
+        rows.append((t + dt, here + 0.5 * dt * (fast + slower), slower))
+    return rows

@@ -36,7 +36,7 @@ FILES_ROUND = (
 PLANS_ROUND = 1e-9
 IN_TIME = ("speed", "acceleration", "held")  # what a robot is held to that is led out
 MUJOCO_EVERY = 10  # one step in so many is judged by MuJoCo too
-HPP_EVERY = 5  # and one in so many proven by HPP
+HPP_EVERY = 25  # and one in so many proven by HPP
 UNGUARDED_EVERY = 20  # and one in so many as it would be with the guard off
 KEPT = 3  # violations of a shard that are written out
 CLIPS = (".bvh", ".amc", ".amc.gz")
@@ -69,7 +69,8 @@ class Court:
         robot, promise = self.plain.robot, promise_of(self.plain)
         self.sit(promise, Coal(robot), Mujoco(robot) if mujoco else None)
         self.between = promise.between
-        self.hpp = Continuous(robot, self.between) if installed() else None
+        # A curve is proven by chords, from which it strays by less.
+        self.hpp = Continuous(robot, self.between - streams.SAG) if installed() else None
         self.certifier = robot.certifier()
         names = ["coal", "pin"] + ["mujoco"] * bool(mujoco) + ["hpp-core"] * bool(self.hpp)
         self.versions = {name: version(name) for name in names}
@@ -104,16 +105,18 @@ class Court:
             return joints.drive(self.guards[close], joints.draw(self.plain, rng, self.clips))
         return streams.drive(it, streams.draw(kind, it, rng, self.clips))
 
-    def proven(self, heard: Heard, q0: np.ndarray, q1: np.ndarray, seen: Verdict) -> bool:
-        """Let HPP look at a path that coal has judged; True where it refuses it."""
-        if not np.isfinite([q0, q1]).all():
+    def proven(self, heard: Heard, chords: np.ndarray, seen: Verdict) -> bool:
+        """Let HPP look at a path that coal has judged, chord by chord; True where it refuses it."""
+        if not np.isfinite(chords).all():
             return False  # that is for coal's judge to say
-        said = self.hpp.path(q0, q1)
         there = np.nan
-        if not said.free:
-            pose = (1.0 - said.t) * q0 + said.t * q1
-            there = float(self.certifier.check(pose[None]).clearance[0])
-        return heard.add(said, seen.clearance, there, self.between)
+        for q0, q1 in zip(chords, chords[1:], strict=False):
+            said = self.hpp.path(q0, q1)
+            if not said.free:
+                pose = (1.0 - said.t) * q0 + said.t * q1
+                there = float(self.certifier.check(pose[None]).clearance[0])
+                break
+        return heard.add(said, seen.clearance, there, self.between - streams.SAG)
 
     def shard(self, seed: int, number: int) -> dict[str, Any]:
         """Judge a shard."""
@@ -141,8 +144,7 @@ class Court:
             keep = slice(0, STEPS - count)
             modes.update(streams.shares(made.mode[keep]))
             for i in range(*keep.indices(len(made.q1))):
-                path = made.q0[i], made.q1[i], float(made.dt[i])
-                seen = coal.step(*path, made.came(i))
+                seen = made.judged(coal, i)
                 fastest, hardest = max(fastest, seen.speed), max(hardest, seen.hardest)
                 if made.led[i]:  # it begins where nothing holds
                     led += 1
@@ -155,15 +157,15 @@ class Court:
                 near += seen.clearance < FAR
                 broken = seen.broken
                 if mujoco and count % MUJOCO_EVERY == 0:
-                    broken += tally["mujoco"].add(mujoco.step(*path, made.came(i))).broken
+                    broken += tally["mujoco"].add(made.judged(mujoco, i)).broken
                 if self.hpp and count % HPP_EVERY == 0:
-                    if self.proven(heard["hpp"], *path[:2], seen):
+                    if self.proven(heard["hpp"], made.chords(coal, i), seen):
                         broken += ("refused",)
                 if count % UNGUARDED_EVERY == 0:
                     free = made.free0[i], made.free1[i]
-                    off = tally["unguarded"].add(coal.step(*free, path[2]))
+                    off = tally["unguarded"].add(coal.step(*free, float(made.dt[i])))
                     if self.hpp:
-                        self.proven(heard["hpp_unguarded"], *free, off)
+                        self.proven(heard["hpp_unguarded"], np.stack(free), off)
                 if broken:
                     first.append(written(self.plain, made, i, broken, seen))
                 count += 1
@@ -234,6 +236,7 @@ def written(
         "dt": float(made.dt[i]).hex(),
         "v0": [float(v).hex() for v in made.v0[i]],
         "dt0": float(made.dt0[i]).hex(),
+        "rows": [[float(v).hex() for v in (one.t, *one.q, *one.v)] for one in made.rows[i]],
     }
 
 

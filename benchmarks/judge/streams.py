@@ -16,7 +16,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from judging import LONGEST, SHORTEST, Came
+from judging import LONGEST, SHORTEST, Came, Judge, Row, Verdict
 
 from s3le.errors import ParameterError
 from s3le.kernels import batch
@@ -25,6 +25,8 @@ from s3le.robot.certificate import Certifier
 
 KINDS = ("random", "adversarial", "real")
 FRAMES = 40  # of a stream, its lead from where it starts included
+SAG = 2e-4  # [m], most that a curve strays from the chords that a prover of straight paths gets
+STOP, STOP_EVERY = "stop", 7  # mode of a motion to rest, and of how many steps it is judged
 
 
 class Script(NamedTuple):
@@ -49,11 +51,25 @@ class Steps(NamedTuple):
     v0: np.ndarray  # [rad/s], (n, n_dof), speed of the step before
     dt0: np.ndarray  # [s], (n,), its duration; NaN: no acceleration is promised here
     led: np.ndarray  # bool (n,), leads out of where nothing holds: time alone is judged
+    rows: tuple[tuple[Row, ...], ...]  # (n,), of a step whose speed is continuous; (): straight
     wrong: tuple[str, ...] = ()  # what was answered though it had to be refused, or the like
 
     def came(self, i: int) -> Came:
         """How the robot came to where step i begins."""
         return Came(self.v0[i], float(self.dt0[i]))
+
+    def judged(self, judge: Judge, i: int) -> Verdict:
+        """What a judge sees of step i."""
+        if self.rows[i]:
+            came = None if np.isnan(self.dt0[i]) else self.came(i)
+            return judge.curve(self.rows[i], came)
+        return judge.step(self.q0[i], self.q1[i], float(self.dt[i]), self.came(i))
+
+    def chords(self, judge: Judge, i: int) -> np.ndarray:
+        """Poses between which step i goes straight, or within SAG of it [rad], (m, n_dof)."""
+        if self.rows[i]:
+            return judge.chords(self.rows[i], SAG)
+        return np.stack([self.q0[i], self.q1[i]])
 
 
 class Log:
@@ -76,6 +92,9 @@ class Log:
         *,
         smooth: bool = True,
         led: bool = False,
+        rows: Sequence[Row] = (),
+        aside: bool = False,
+        v1: np.ndarray | None = None,
     ) -> None:
         """Note a step.
 
@@ -83,14 +102,17 @@ class Log:
             q0, q1, dt, mode, frame: see Steps.
             free: free0 and free1.
             smooth: its acceleration is promised.
-            led: see Steps.
+            led, rows: see Steps.
+            aside: it could be taken, and is not: the next one begins where this one does.
+            v1: speed at its end [rad/s]; None: that of its last row, or of all of it.
         """
         took = min(dt, LONGEST) if dt >= SHORTEST else np.nan  # NaN: no time passed
         before = took if self._dt is None else self._dt
         known = before if smooth else np.nan
-        self._rows.append((q0, q1, dt, mode, frame, *free, self._v, known, led))
-        if took > 0.0:
-            self._v, self._dt = (q1 - q0) / took, took
+        self._rows.append((q0, q1, dt, mode, frame, *free, self._v, known, led, tuple(rows)))
+        if took > 0.0 and not aside:
+            v1 = rows[-1].v if rows else v1
+            self._v, self._dt = (q1 - q0) / took if v1 is None else v1, took
 
     def jumped(self) -> None:
         """Where the robot is now nothing led: it stands."""
@@ -102,13 +124,13 @@ class Log:
             none, no = np.empty((0, self._n)), np.empty(0)
             return Steps(
                 none, none, no, no, no, none, none, self.refused, none, no,
-                np.empty(0, bool), tuple(self.wrong),
+                np.empty(0, bool), (), tuple(self.wrong),
             )  # fmt: skip
-        q0, q1, dt, mode, frame, free0, free1, v0, dt0, led = zip(*self._rows, strict=True)
+        q0, q1, dt, mode, frame, free0, free1, v0, dt0, led, rows = zip(*self._rows, strict=True)
         return Steps(
             np.array(q0), np.array(q1), np.array(dt, float), np.array(mode), np.array(frame),
             np.array(free0), np.array(free1), self.refused, np.array(v0), np.array(dt0),
-            np.array(led), tuple(self.wrong),
+            np.array(led), rows, tuple(self.wrong),
         )  # fmt: skip
 
 
@@ -269,7 +291,7 @@ def drive(retargeter: Retargeter, script: Script) -> Steps:
     """
     stream, log = retargeter.start(script.start), Log(retargeter.robot.n_dof)
     for i, (x, dt) in enumerate(script.frames):
-        q0, free0 = stream.q, stream.wanted
+        q0, free0, v0 = stream.q, stream.wanted, stream.v
         try:
             made = stream.step(x, dt)
         except ParameterError:  # documented: neither a usable frame nor a pose yet
@@ -282,8 +304,28 @@ def drive(retargeter: Retargeter, script: Script) -> Steps:
             log.jumped()
             continue
         smooth = made.mode is not Mode.HALTED
-        log.add(q0, made.q, float(dt), made.mode, i, (free0, stream.wanted), smooth=smooth)
+        free = free0, stream.wanted
+        rows = moved(q0, v0, made.q, made.v, float(dt), made.via)
+        log.add(q0, made.q, float(dt), made.mode, i, free, smooth=smooth, rows=rows)
+        if i % STOP_EVERY == 0:  # cut off here, it would go to rest
+            stopped(log, stream.rest(), i, free)
     return log.steps()
+
+
+def moved(q0, v0, q1, v1, dt: float, via: Sequence[tuple]) -> tuple[Row, ...]:
+    """Rows of a step whose speed is continuous; none where no time passed."""
+    if v1 is None or not dt >= SHORTEST:
+        return ()
+    return Row(0.0, q0, v0), *(Row(*one) for one in via), Row(min(dt, LONGEST), q1, v1)
+
+
+def stopped(log: Log, rest: Sequence[tuple], frame: int, free: tuple) -> None:
+    """Note the motion to rest that the robot could be cut off to."""
+    if len(rest) > 1:
+        rows = tuple(Row(*one) for one in rest)
+        log.add(
+            rows[0].q, rows[-1].q, rows[-1].t, STOP, frame, free, rows=rows, aside=True
+        )  # fmt: skip
 
 
 def shares(mode: np.ndarray) -> dict[str, int]:

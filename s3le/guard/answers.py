@@ -31,6 +31,7 @@ class Chunk(NamedTuple):
     certified: np.ndarray  # bool (h,)
     clearance: np.ndarray  # [m], (h,)
     bound: np.ndarray  # [m], (h,)
+    via: tuple[tuple[Via, ...], ...]  # (h,), see Step
 
 
 class Kept(NamedTuple):

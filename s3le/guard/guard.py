@@ -20,13 +20,13 @@ from s3le.guard.answers import Chunk, Kept, Step
 from s3le.guard.given import Given, Told
 from s3le.guard.leaving import Leaving
 from s3le.guard.reasons import BRAKED, LEADING_OUT, STOPPED, Reasons
-from s3le.guard.wanted import Reader, duration
+from s3le.guard.wanted import Reader, duration, is_lost
 from s3le.plan import limits
 from s3le.plan.limits import SHORTEST
 from s3le.plan.settings import Settings
 from s3le.plan.smooth import walker
 from s3le.plan.state import LONGEST, State
-from s3le.plan.steps import Walker
+from s3le.plan.steps import Via, Walker
 from s3le.robot.known import MARGIN
 from s3le.robot.robot import Robot
 
@@ -188,8 +188,18 @@ class Guard:
         self._leaving, self._stopped, self._led_out = leaving, False, 0
         self._q, self._v, self._came, self._before = q, np.zeros_like(q), q, np.nan
 
+    def rest(self) -> tuple[Via, ...]:
+        """The motion to a standstill that is proven from here, kept in case nothing else is.
+
+        Returns:
+            Rows (after [s] from now, q [rad], v [rad/s]), the first one now, the last one at rest;
+            between two each joint is accelerated evenly. Among given joints, and while the robot
+            is led out, there is none: ().
+        """
+        return () if self._leaving else self._walker.rest()
+
     def stop(self) -> None:
-        """Latch a stop: the rows to come brake, along what was proven, and then stand still."""
+        """Latch a stop: the rows to come drive the motion of `rest`, and then stand still."""
         self._stopped = True
 
     def release(self) -> None:
@@ -297,13 +307,14 @@ class Guard:
             certified=np.array([one.certified for one in made]),
             clearance=np.array([one.clearance for one in made]),
             bound=np.array([one.bound for one in made]),
+            via=tuple(one.via for one in made),
         )
 
     def _compare(self, measured: object) -> None:
         try:
             at = self._reader.pose(measured, "the measured pose")
         except ParameterError:
-            if _is_lost(measured):
+            if is_lost(measured):
                 self._stopped = True
             raise
         off = np.maximum(np.minimum(self._came, self._q) - at, at - np.maximum(self._came, self._q))
@@ -437,12 +448,3 @@ class Guard:
         self._q, self._v, self._came, self._before = q, v, number["came"], before
         self._led_out, self._stopped = int(led_out), bool(number["stopped"])
         assert self._q.shape == (self.robot.n_dof,)
-
-
-def _is_lost(measured: object) -> bool:
-    """Whether a measured pose holds what is not finite: nobody knows where the robot is."""
-    values = list(measured.values()) if isinstance(measured, Mapping) else measured
-    try:
-        return not np.isfinite(np.asarray(values, float)).all()
-    except (TypeError, ValueError):
-        return False

@@ -4,8 +4,8 @@ In: {"q": [rad, ...]} in the robot's order, or {"q": {"joint": rad, ...}}, or {"
 with "dt" [s] since the last line or "t" [s]; without either the stream's rate holds. Beside it, or
 alone: "measured", where the robot is, as q; "stop": true latches a stop, false releases it. Where
 others move joints: "given", where these are, and "given_next" [rad] or "given_speed" [rad/s]. Out:
-{"t", "q", "v", "reason", "certified", "clearance"}, with "given" if others did not keep their word; or
-{"line", "error"}; a refused line moves nothing and its time is added to the next one's. Human
+{"t", "q", "v", "reason", "certified", "clearance"}, with "given" if others did not keep their word;
+or {"line", "error"}; a refused line moves nothing and its time is added to the next one's. Human
 vectors are for s3le/retarget/live.py.
 """
 

@@ -142,3 +142,12 @@ def duration(dt: object, least: float) -> float:
     if not least <= float(dt) < np.inf:  # catches NaN
         raise ParameterError(f"dt must be finite and at least {least:g} s, got {dt!r:.40}")
     return float(dt)
+
+
+def is_lost(measured: object) -> bool:
+    """Whether a measured pose holds what is not finite: nobody knows where the robot is."""
+    values = list(measured.values()) if isinstance(measured, Mapping) else measured
+    try:
+        return not np.isfinite(np.asarray(values, float)).all()
+    except (TypeError, ValueError):
+        return False

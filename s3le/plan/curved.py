@@ -66,7 +66,7 @@ def safe(chain, swept, s, c, v, to, lasts, dt, bounds, care, out):
 
 @compiled
 def examine(
-    chain, swept, s, c, dt, bounds, care, first, last, clearance, proven, where, bound
+    chain, swept, s, c, dt, grid, bounds, care, first, last, clearance, proven, where, bound
 ):  # fmt: skip
     """Measure and prove what control points first to last - 1 complete.
 
@@ -78,6 +78,7 @@ def examine(
         chain, swept, s, bounds, care: see safe.
         c: control points [rad], (m, n).
         dt: duration of the parabola about each [s], (m,).
+        grid: duration of the steps of a motion to rest [s].
         first, last: control points.
         clearance: receives that of each row [m], (m,); of row 0 that of row 1.
         proven: receives whether parabola and stop are proven, bool (m,); True for row 0.
@@ -115,7 +116,7 @@ def examine(
                 where[t] = found[3] if np.isfinite(found[3]) else 0.5 * (1.0 + found[2])
         if proven[t] and clearance[t] >= care.margin:
             proven[t] = rests(
-                chain, swept, s, end, w, bounds.acceleration, dt[t], care.margin, care.between,
+                chain, swept, s, end, w, bounds.acceleration, grid, care.margin, care.between,
                 care.budget, path,
             )[0]  # fmt: skip
             if not proven[t]:

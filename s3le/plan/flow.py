@@ -16,6 +16,7 @@ from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings
 from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Plan, Planner, _Job
 from s3le.robot.robot import Robot
+from s3le.safety.paths import grid_of
 from s3le.types import Progress
 
 
@@ -43,6 +44,8 @@ class Flow(Planner):
             raise ParameterError("weights of the joints must be one matrix for all rows")
         moments, lasts = control_times(times)
         points = control_points(wanted)
+        if stands:
+            points[:3] = wanted[0]
         aim = self._aim(moments, points, skeleton, weight, bone)
         job = _FlowJob(self, moments, points, aim, stands, progress, lasts)
         job.settle()
@@ -71,13 +74,14 @@ class _FlowJob(_Job):
         lasts: np.ndarray,
     ) -> None:
         super().__init__(planner, times, wanted, aim, stands, progress)
-        self.lasts = lasts
+        self.lasts, self.grid = lasts, grid_of(lasts[1:-1])
+        self.given = 3 if stands else 0
 
     def _examine(self, first: int, last: int) -> None:
         its = self.its
         curved.examine(
-            its._chain, its._swept, its._scratch, self.q, self.lasts, its._bounds, its._care,
-            first, last, self.clearance, self.proven, self.where, self.bound,
+            its._chain, its._swept, its._scratch, self.q, self.lasts, self.grid, its._bounds,
+            its._care, first, last, self.clearance, self.proven, self.where, self.bound,
         )  # fmt: skip
 
     def _pose(self, row: int) -> np.ndarray:

@@ -69,13 +69,15 @@ class Smooth(Walker):
 
     def _along(self, dt: float) -> tuple[np.ndarray, np.ndarray, tuple[Via, ...]]:
         """Drive the motion on which it brakes for dt more: where it ends, and rows on the way."""
-        begin, end = self._gone, self._gone + dt
+        *way, (_, q, v) = self._rows(self._gone, self._gone + dt)
+        return q, v, tuple(way)
+
+    def _rows(self, begin: float, end: float) -> list[Via]:
+        """Rows of that motion: where a joint turns to another acceleration, and the end."""
         turns = np.unique(self._path[[curve.ONE, curve.TWO]]) * self._lasts
         turns = turns[np.diff(turns, prepend=-1.0) > _SAME]
         inner = turns[(turns > begin + _SAME) & (turns < end - _SAME)]
-        rows = [self._moment(moment) for moment in (*inner, end)]
-        via = tuple(Via(float(t - begin), *row) for t, row in zip(inner, rows[:-1], strict=True))
-        return *rows[-1], via
+        return [Via(float(t - begin), *self._moment(t)) for t in (*inner, end)]
 
     def _moment(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         q, v = np.empty_like(self._q), np.zeros_like(self._q)
@@ -103,12 +105,12 @@ class Smooth(Walker):
         self._lasts = float(curve.stop(self._q, self._v, hardest, dt, self._path))
         self._gone = 0.0
 
-    def stop(self) -> tuple[np.ndarray, float]:
-        """The motion on which it would brake: its path (curve.ROWS, n), how long that takes [s]."""
-        path = self._path.copy() if self._lasts > 0.0 else np.zeros((curve.ROWS, len(self._q)))
-        if not self._lasts > 0.0:
-            curve.straight(self._q, self._q, path)
-        return path, self._lasts
+    def rest(self) -> tuple[Via, ...]:
+        """The proven motion to a standstill: rows from now on, a parabola between two."""
+        here = Via(0.0, self.q, self.v)
+        if not self._gone < self._lasts:
+            return (here,)
+        return here, *self._rows(self._gone, self._lasts)
 
     def state(self) -> State:
         """Where the robot is and what it is about; a copy."""

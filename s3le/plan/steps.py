@@ -155,6 +155,10 @@ class Walker:
         """The speed of its last step [rad/s], (n,)."""
         return self._v.copy()
 
+    def rest(self) -> tuple[Via, ...]:
+        """The proven motion to a standstill, of a walker whose speed is continuous; else none."""
+        return ()
+
     def state(self) -> State:
         """Where the robot is and what it is about; a copy."""
         memory = self._memory

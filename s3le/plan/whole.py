@@ -260,7 +260,7 @@ class _Job:
         m, reach = len(self.q), self.reach
         window = max(self.its.settings.window, 4 * reach)
         while True:
-            if start < 2:
+            if start < max(self.given, 2):
                 start = self.given
             if stop > m - 2:
                 stop = m
@@ -430,7 +430,7 @@ class _Job:
     def _polish(self, first: int, last: int) -> None:
         """Plan the rows about a stretch that was driven once more, from where they are."""
         start, stop = max(first - self.reach, 0), min(last + self.reach, len(self.q))
-        start = start if start >= 2 else self.given
+        start = start if start >= max(self.given, 2) else self.given
         stop = stop if stop <= len(self.q) - 2 else len(self.q)
         rows = slice(start, min(stop + self._after, len(self.q)))
         if self.close(rows.start, rows.stop).any():

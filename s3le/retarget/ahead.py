@@ -19,7 +19,7 @@ from s3le.robot.robot import Robot
 from s3le.skeleton import DIM
 from s3le.types import Progress
 
-_AS_WANTED = 0.02  # [rad], a row in which every joint is as near counts as the pose wanted
+AS_WANTED = 0.02  # [rad], a row in which every joint is as near counts as the pose wanted
 
 
 class Refines(Protocol):
@@ -77,7 +77,7 @@ def mark(mode: np.ndarray, q: np.ndarray, wanted: np.ndarray) -> None:
         wanted: the poses wanted [rad], (m, n).
     """
     arrived = np.isin(mode, (Mode.REFINED, Mode.LOOKUP))
-    mode[arrived & (np.abs(q - wanted).max(axis=1) > _AS_WANTED)] = Mode.PLANNED
+    mode[arrived & (np.abs(q - wanted).max(axis=1) > AS_WANTED)] = Mode.PLANNED
 
 
 def want(

@@ -23,7 +23,7 @@ from s3le.plan.smooth import walker
 from s3le.plan.steps import SHORTEST, Via, Walker
 from s3le.plan.whole import Planner
 from s3le.retarget import exported
-from s3le.retarget.ahead import planned
+from s3le.retarget.ahead import AS_WANTED, planned
 from s3le.retarget.frames import Calm, seen
 from s3le.retarget.propose import Proposer
 from s3le.retarget.refine import LOOKUP, NOTHING, refine
@@ -100,6 +100,15 @@ class Stream:
         return self._walker.q if self._walker else None
 
     @property
+    def v(self) -> np.ndarray:
+        """How fast it is there [rad/s], (n_dof,); at rest before the first pose."""
+        return self._walker.v if self._walker else np.zeros(self._its.robot.n_dof)
+
+    def rest(self) -> tuple[Via, ...]:
+        """The motion to a standstill that is proven from where the robot is; see Guard.rest."""
+        return self._walker.rest() if self._walker else ()
+
+    @property
     def given(self) -> tuple[str, ...]:
         """Names of the joints that others move."""
         return self._others.names if self._others else ()
@@ -168,6 +177,9 @@ class Stream:
             mode = _HOW.get(made.how, Mode.LOOKUP if found == LOOKUP else Mode.REFINED)
             if not self._others and not made.certified:
                 mode = Mode.HALTED
+            if mode in (Mode.REFINED, Mode.LOOKUP):
+                off = np.abs(made.q - self._want).max(initial=0.0)
+                mode = mode if off <= AS_WANTED else Mode.LIMITED
             mode = self._forced(made, mode)
             step = self._answer(self._x, made.q, mode, made.clearance, made.bound, usable is None)
             return self._moving(step, made)

@@ -55,7 +55,9 @@ def cubic(q0, v0, q1, v1, dt, path):
 
 @compiled
 def stop(q, v, acceleration, dt, path):
-    """The motion from (q, v) to rest, each joint by itself; how long it takes [s], 0: it rests.
+    """The motion from (q, v) to rest, each joint by itself; how long it takes [s].
+
+    0: it rests; NaN: there is none, for a number is not finite.
 
     Args:
         q, v: angles [rad] and speeds [rad/s], (n,).
@@ -65,6 +67,8 @@ def stop(q, v, acceleration, dt, path):
     """
     longest = 0.0
     for i in range(len(q)):
+        if not (abs(v[i]) < np.inf and abs(q[i]) < np.inf):
+            return np.nan
         whole = np.floor(abs(v[i]) / (acceleration[i] * dt)) if acceleration[i] < np.inf else 0.0
         left = abs(v[i]) - (whole * acceleration[i] * dt if whole > 0.0 else 0.0)
         path[ONE, i] = whole * dt

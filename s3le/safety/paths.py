@@ -123,6 +123,11 @@ def sampled(
     return found[0], found[1]
 
 
+def grid_of(steps: np.ndarray) -> float:
+    """Duration of the steps of a motion to rest [s]: the median of a motion's own, (m,)."""
+    return float(np.median(steps)) if len(steps) else 1.0
+
+
 def rests(
     robot: Robot,
     time: np.ndarray,
@@ -143,9 +148,7 @@ def rests(
     _check(robot, margin_between, budget)
     chain, n = robot.chain, len(q)
     q, v = np.require(q, float, ["C", "W"]), np.require(v, float, ["C", "W"])
-    step = np.diff(time) if n > 1 else np.ones(1)
-    step = np.minimum(step, np.median(step))  # where rows are missing it brakes as elsewhere
-    dt, good = np.concatenate([step, step[-1:]])[:n], np.zeros(n, np.bool_)
+    dt, good = np.full(n, grid_of(np.diff(time))), np.zeros(n, np.bool_)
     bounds, hardest = swept(chain), np.array(acceleration, float)
 
     def work(at: slice) -> None:
