@@ -144,7 +144,9 @@ def test_speeds_and_jumps_are_those_at_the_clip_s_frame_rate(arms):
 
 def test_what_no_proof_decides_is_counted_apart_and_never_as_certified(arms, monkeypatch):
     whole = paths.certify
-    monkeypatch.setattr(paths, "certify", lambda *all_of_it: whole(*all_of_it, budget=0))
+    monkeypatch.setattr(
+        paths, "certify", lambda *all_of_it, **its: whole(*all_of_it, **its, budget=0)
+    )
     found, figures = moved(arms)
     assert figures["all"]["segments_colliding"] == 0
     assert figures["all"]["segments_undecided"] == 1

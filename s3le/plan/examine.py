@@ -1,10 +1,24 @@
 """What the rows of a motion keep; compiled."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from s3le.kernels.compiled import compiled
 from s3le.kernels.solver import clearance_of
 from s3le.safety.segment import CERTIFIED, prove
+
+WANTED, PLANNED, DRIVEN = range(3)  # where a row comes from
+
+
+class Plan(NamedTuple):
+    """A motion that holds, one entry a row."""
+
+    q: np.ndarray  # [rad], (m, n)
+    how: np.ndarray  # uint8 (m,): WANTED (to the bit), PLANNED, DRIVEN
+    clearance: np.ndarray  # [m], (m,), of the pose
+    bound: np.ndarray  # [m], (m,), proven of the path from the row before; of row 0 its pose's
+    v: np.ndarray | None = None  # [rad/s], (m, n), at each row; None: straight from row to row
 
 
 @compiled

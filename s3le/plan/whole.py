@@ -12,15 +12,13 @@ each step proven (s3le/plan/drive.py), and the rows about it are planned once mo
 comes out holds, or nothing does.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.kernels.poses import AGREEMENT
 from s3le.plan import causal, chase, drive, limits, rounds, weights
-from s3le.plan.examine import examine
+from s3le.plan.examine import DRIVEN, PLANNED, WANTED, Plan, examine
 from s3le.plan.interior import program
 from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings, bounds
@@ -31,22 +29,11 @@ from s3le.skeleton import DIM
 from s3le.types import Progress
 
 SLOWEST = "interior.improve"  # of the kernels that a motion needs, to compile
-WANTED, PLANNED, DRIVEN = range(3)  # where a row comes from
 _STRIDE = 0.1  # [rad], that a motion which holds is moved at most a round;
 _BURST, _BURSTS = 8, 8  # so many rounds at a time, and so often
 _WORTH = 0.01  # if they gained this share of the cost
 _SPARE = 0.1  # share of speed and acceleration that the first guess leaves
 _MORE = 0.001  # [m], that a pose or path which failed is asked to keep beyond what it lacked
-
-
-class Plan(NamedTuple):
-    """A motion that holds, one entry a row."""
-
-    q: np.ndarray  # [rad], (m, n)
-    how: np.ndarray  # uint8 (m,): WANTED (to the bit), PLANNED, DRIVEN
-    clearance: np.ndarray  # [m], (m,), of the pose
-    bound: np.ndarray  # [m], (m,), proven of the path from the row before; of row 0 its pose's
-    v: np.ndarray | None = None  # [rad/s], (m, n), at each row; None: straight from row to row
 
 
 class Planner:

@@ -116,7 +116,8 @@ def convert_among(
         part[np.clip(np.arange(m) - inside.start, 0, last)] for part in found
     )
     began = clock.perf_counter()
-    plan = retargeter.planner().plan(np.cumsum(dt), wanted, skeleton=True, progress=told)
+    planner = retargeter.planner(curved=False)
+    plan = planner.plan(np.cumsum(dt), wanted, skeleton=True, progress=told)
 
     most = dict(zip(robot.joint_names, retargeter.most.acceleration.tolist(), strict=True))
     its, asked = claim(robot, None, retargeter.settings.speed_factor, most)
@@ -168,7 +169,7 @@ def convert_among(
     )  # fmt: skip
     summary = {
         **notes,
-        **summarise(robot, seen, followed, rows, made.after),
+        **summarise(robot, seen, seen, followed, rows, made.after),
         "given": {
             "joints": [] if read.others is None else list(read.others.joints),
             "breaks": forced.breaks([made.after]),

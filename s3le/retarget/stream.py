@@ -8,6 +8,7 @@ with the step before.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -323,9 +324,13 @@ class Retargeter:
         """
         return walker(self.robot, self.most, self.settings.planning(check), q=q, skeleton=True)
 
-    def planner(self) -> Planner:
-        """What plans whole motions; of one thread."""
-        return planner(self.robot, self.most, self.settings.planning())
+    def planner(self, curved: bool = True) -> Planner:
+        """What plans whole motions; of one thread.
+
+        Args:
+            curved: rows of position and speed; False: of positions, joints moving straight between.
+        """
+        return planner(self.robot, self.most, replace(self.settings.planning(), curved=curved))
 
     def plan(
         self,

@@ -34,12 +34,20 @@ def headings(frames: ClipFrames, time: np.ndarray) -> np.ndarray:
 
 def summarise(
     robot: Robot,
+    clip: ClipFrames,
     frames: ClipFrames,
     made: Followed,
     rows: Emission,
     report: audit.Report,
 ) -> dict[str, Any]:
-    """What a person or a table wants to know of one clip."""
+    """What a person or a table wants to know of one clip.
+
+    Args:
+        robot: the robot.
+        clip: as it was read.
+        frames: as it was followed; not finite where nobody is seen.
+        made, rows, report: what came of it.
+    """
     seen = np.isfinite(frames.x).all(axis=1)
     frames = frames._replace(x=frames.x[seen], frame=frames.frame[seen])
     q = made.q[made.clip_from :][seen]
@@ -48,12 +56,12 @@ def summarise(
     words, counts = np.unique(made.mode, return_counts=True)
     taken = made.seconds[made.clip_from :] * 1e3
     return {
-        **({"reading": frames.reading.summary()} if frames.reading else {}),
+        **({"reading": clip.reading.summary()} if clip.reading else {}),
         "frames": {
-            "clip": frames.total,
-            "followed": len(frames.x),
-            "dropped": frames.dropped,
-            "longest_gap_s": frames.gap,
+            "clip": clip.total,
+            "followed": len(clip.x),
+            "dropped": clip.dropped,
+            "longest_gap_s": clip.gap,
         },
         "rows": {
             "written": len(rows.time),
