@@ -204,7 +204,7 @@ def check(
     """Validate a robot file and report on it.
 
     Joints, reach, how far each link is drawn beyond its bodies, pairs and why they are watched or
-    not, random poses, time of a check.
+    not, random poses, time of a check, the longest way to rest.
 
     \b
     s3le robot check coman
@@ -219,7 +219,27 @@ def check(
         found = survey.survey(its, poses)
         if picture:
             _draw(its, picture, [])
-    typer.echo("\n".join(survey.lines(its, found, every)))
+    typer.echo("\n".join([*survey.lines(its, found, every), _rest(its)]))
+
+
+def _rest(robot: "Robot") -> str:
+    """How long and how far the way to rest is at most (docs/curves.md)."""
+    import numpy as np
+
+    from s3le.plan.limits import limits
+    from s3le.safety import curve
+
+    most, step = limits(robot), 1.0 / 30.0
+    v = np.where(np.isfinite(most.speed), most.speed, 0.0)
+    path, far = np.empty((curve.ROWS, robot.n_dof)), np.zeros(robot.n_dof)
+    takes = curve.stop(far, v, most.acceleration, step, path)
+    curve.position(path, 1.0, far)
+    i, j = int((v / most.acceleration).argmax()), int(far.argmax())
+    return (
+        f"way to rest: at most {takes:.3f} s ({robot.joint_names[i]}, from {v[i]:.3g} rad/s at "
+        f"{most.acceleration[i]:.3g} rad/s^2) and {np.degrees(far[j]):.1f} deg "
+        f"({robot.joint_names[j]}), braking in steps of 1/30 s"
+    )
 
 
 def _draw(robot: "Robot", path: Path, notes: list[str]) -> None:
