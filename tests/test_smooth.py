@@ -1,13 +1,19 @@
 """Motions whose speed is continuous: streams and files keep all they promise at every moment."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import MARGIN, coman
 
-from s3le.errors import CertificateError, ParameterError
+from s3le.errors import CertificateError, ParameterError, TrajectoryError
+from s3le.guard import clean
+from s3le.guard.claim import claim
 from s3le.guard.guard import Guard
+from s3le.guard.task import Reading
+from s3le.motion import files, trajectory
 from s3le.plan import curved
 from s3le.plan.flow import control_points, control_times, planner
 from s3le.plan.limits import limits
@@ -15,6 +21,7 @@ from s3le.plan.settings import Settings
 from s3le.plan.smooth import Smooth, walker
 from s3le.plan.steps import Walker
 from s3le.safety import paths
+from s3le.safety.audit import audit, demands, say
 
 DT, BETWEEN = 1 / 30, 0.0005
 SETTINGS = Settings(curved=True)
@@ -274,3 +281,78 @@ def test_examine_finds_a_row_without_a_way_to_rest():
     )  # fmt: skip
     assert room[1].tolist() == [True, True, True, False]
     assert room[2][3] == 1.0  # it is the way to rest that fails
+
+
+# --- files that tell speeds
+
+
+def motion(wanted, time):
+    robot = coman()
+    plan = planner(robot, limits(robot), SETTINGS).plan(time, wanted)
+    about = {"robot": robot.name, "robot_hash": robot.digest}
+    mode = np.full(len(time), "planned")
+    return trajectory.make(
+        "m", robot.joint_names, time, plan.q, plan.clearance, mode, about, v=plan.v
+    )
+
+
+@pytest.mark.parametrize("kind", ["parquet", "csv", "npz"])
+def test_speeds_come_back_to_the_bit_and_the_guard_takes_away_those_of_what_it_moves(
+    tmp_path, kind
+):
+    robot, time = coman(), np.arange(60) * DT
+    made = motion(swings(7, 60), time)
+    files.write(made, tmp_path / f"m.{kind}")
+    back = files.read(tmp_path / f"m.{kind}")
+    assert back.joints == made.joints
+    assert (back.v == made.v).all() and (back.q == made.q).all()
+    spoilt = replace(made, q=np.clip(made.q + 0.4, robot.lower, robot.upper))
+    for number, one in enumerate((made, spoilt)):
+        source, target = (tmp_path / f"{where}{number}.{kind}" for where in ("in", "out"))
+        files.write(one, source)
+        layout = Reading().open(source, robot)
+        its = clean.Guard(*claim(robot))
+        cleaned = its.clean(layout, False)
+        layout.write(target, [layout.episodes[0].q if cleaned.q[0] is None else cleaned.q[0]])
+        left = files.read(target)
+        if cleaned.q[0] is None:
+            assert (left.v == one.v).all()
+        else:
+            assert left.v is None  # what is written goes straight from row to row
+            assert not any("vel" in note for note in layout.episodes[0].notes)
+        assert number == 0 or cleaned.q[0] is not None
+
+
+def test_a_file_that_tells_the_speed_of_some_joints_is_refused(tmp_path):
+    path = tmp_path / "m.csv"
+    path.write_text("time,a,b,a.vel\n0,0,0,0\n1,0,0,0\n", encoding="utf-8")
+    with pytest.raises(TrajectoryError, match="speed of some joints, but not of 'b'"):
+        files.read(path)
+    path.write_text("time,a,a.vel\n0,0,inf\n1,0,0\n", encoding="utf-8")
+    with pytest.raises(TrajectoryError, match=r"line 2: a.vel is inf"):
+        files.read(path)
+
+
+def test_an_audit_of_a_curve_finds_what_is_broken_between_its_rows_and_after_them():
+    robot = coman()
+    most, time = limits(robot), np.arange(40) * DT
+    made = motion(swings(8, 40), time)
+    asked = demands(
+        robot, acceleration=dict(zip(robot.joint_names, most.acceleration.tolist(), strict=True))
+    )
+    good = audit(robot, time, made.q, asked, v=made.v)
+    assert good.holds and {c.name for c in good.checks} >= {"stops", "accelerations", "paths"}
+    spoilt = made.v.copy()
+    spoilt[20] += 0.5  # the rows stay where they are: harder, and not on one parabola
+    found = {c.name: c for c in audit(robot, time, made.q, asked, v=spoilt).checks}
+    assert found["accelerations"].broken > 0 and found["accelerations"].first.row in (19, 20)
+    fast = made.v.copy()
+    fast[-1] = 99.0  # it comes to rest beyond its limits
+    found = {c.name: c for c in audit(robot, time, made.q, asked, v=fast).checks}
+    assert found["stops"].broken == 1 and found["stops"].first.row == 39
+    assert "no way to rest" in say("stops", found["stops"].first)
+    nan = made.v.copy()
+    nan[5, 2] = np.nan
+    report = audit(robot, time, made.q, asked, v=nan)
+    assert not report.holds
+    assert {c.name for c in report.checks if c.broken} >= {"velocities", "accelerations", "paths"}

@@ -58,7 +58,7 @@ def interpret(
         TrajectoryError: no angles, no names for them, no time or rate, or what make refuses.
     """
     key, of_joints = angles(name, table), named(name, table, joints)
-    v = None
+    v: np.ndarray | None = None
     if key is not None:
         names, q = _columns(name, key, _numbers(name, key, table[key]), of_joints)
         if (
@@ -95,6 +95,8 @@ def interpret(
     turned = None if heading is None else _numbers(name, *heading)
     clear = None if clearance is None else _numbers(name, *clearance)
     how = None if mode is None or mode[1].dtype.kind not in "UT" else mode[1].astype(str)
+    if v is not None and np.isnan(v).any():
+        v = None  # as of a clearance: somebody took the claim away
     time = clock(name, table, len(q), fps)
     return make(name, names, time, q, clear, how, about, first, row_is, turned, v)
 

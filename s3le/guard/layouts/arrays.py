@@ -13,7 +13,7 @@ from s3le.errors import RobotError, TrajectoryError
 from s3le.guard.layouts import matched
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import whole
-from s3le.motion.columns import ANGLES, ROOT, angles, clock, find, named, placed
+from s3le.motion.columns import ANGLES, ROOT, SPEEDS, angles, clock, find, named, placed
 from s3le.motion.trajectory import MODE
 from s3le.robot.model import Geometry
 
@@ -92,7 +92,11 @@ def read(
             notes.append(f"the first {skip} columns of {key} are a free base and stay as they are")
         notes += matched.kept(some.strangers)
         others = [
-            k for k in table if k != key and k.lower() not in matched.KNOWN and _rows(table[k])
+            k
+            for k in table
+            if k not in (key, SPEEDS if about else key)
+            and k.lower() not in matched.KNOWN
+            and _rows(table[k])
         ]
         notes += matched.kept(others, "arrays")
     rows = len(next(iter(columns.values())))

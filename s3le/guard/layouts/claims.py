@@ -1,15 +1,17 @@
 """What a file says of its own motion, after the motion was changed.
 
 A certificate speaks of angles that are gone: it goes too. So do the clearance that was measured
-for a row and the word on how the row came about, where the row was changed.
+for a row and the word on how the row came about, where the row was changed. Speeds go altogether,
+for what is written goes straight from row to row.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from s3le.guard.layouts.episode import GUARDED
+from s3le.motion.trajectory import SPEED
 
 STALE = ("certificate",)  # what is only true of the angles it was made for
 
@@ -24,6 +26,11 @@ def clearance(old: np.ndarray, changed: np.ndarray) -> np.ndarray:
     new = np.array(old)
     new[changed] = np.nan
     return new
+
+
+def speeds(names: Sequence[str]) -> list[str]:
+    """Which columns of ours tell speeds of others."""
+    return [one for one in names if one.endswith(SPEED) and one.removesuffix(SPEED) in names]
 
 
 def mode(old: np.ndarray, changed: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from s3le.errors import TrajectoryError
 from s3le.guard.layouts import arrays, claims, matched, roots
 from s3le.guard.layouts.arrays import Found
 from s3le.guard.layouts.matched import ABOUT
-from s3le.motion.columns import ANGLES
+from s3le.motion.columns import ANGLES, SPEEDS
 from s3le.motion.npz import MOST_BYTES, told
 from s3le.motion.trajectory import CLEARANCE, MODE, Placed
 from s3le.robot.model import Geometry
@@ -61,6 +61,8 @@ class NpzLayout:
             key = arrays.own(self._table, MODE)
             assert key is not None
             new[key] = claims.mode(self.episodes[0].mode, changed)
+        if SPEEDS in self._table and self._table[SPEEDS].dtype.kind == "f":
+            new[SPEEDS] = np.full_like(self._table[SPEEDS], np.nan)
         return new
 
 

@@ -182,9 +182,12 @@ def open_parquet(
     for key, values in columns.items():
         if values.ndim != 1:
             raise TrajectoryError(f"{name}: '{key}' holds lists; wanted one number a row")
+    # Speeds are taken away where anything is changed.
+    told_too = claims.speeds(table.column_names) if _ours(table.schema.metadata) else []
+    others = [one for one in match.strangers if one not in told_too]
     one = matched.episode(
         name, columns, clock(name, here, table.num_rows, fps), robot, degrees=degrees, given=given,
-        about=about, mode=here.get(MODE), notes=matched.kept(match.strangers),
+        about=about, mode=here.get(MODE), notes=matched.kept(others),
     )  # fmt: skip
     keys = tuple(strangers[i] for i in match.own)
     return ParquetLayout(path, one, table, how, arrays.Place(keys, ()))
@@ -199,6 +202,9 @@ def _claims(
         new[CLEARANCE] = claims.clearance(old, changed)
     if one.mode is not None:
         new[MODE] = claims.mode(one.mode, changed)
+    if changed.any():
+        for name in claims.speeds(table.column_names):
+            new[name] = np.full(table.num_rows, np.nan)
     return new
 
 

@@ -59,6 +59,9 @@ class TextLayout:
                 if name in table.header:
                     at = table.header.index(name)
                     new[at] = [word if row else None for row in changed.tolist()]
+            if changed.any():
+                for name in claims.speeds(table.header):
+                    new[table.header.index(name)] = ["nan"] * len(table.rows)
         made = table.text(new)
         data = made.encode()
         replace(target, lambda part: part.write_bytes(data))
@@ -207,12 +210,14 @@ def _with_names(
     if timed is not None and fps is None:
         wanted[header.index(timed)] = timed
     columns = table.columns(wanted)
+    told = claims.speeds(header) if table.about else []  # taken away where anything is changed
+    strangers = [n for n in some.strangers if n.lower() not in matched.KNOWN and n not in told]
     time = {} if timed is None else {timed: columns.get(header.index(timed), np.zeros(0))}
     one = matched.episode(
         str(path), {header[at]: columns[at] for at in some.joints},
         clock(str(path), time, len(table.rows), fps), robot, degrees=degrees, given=given,
         about=table.about, mode=table.words(header.index(MODE)) if MODE in header else None,
-        notes=matched.kept([name for name in some.strangers if name.lower() not in matched.KNOWN]),
+        notes=matched.kept(strangers),
         first=table.first, row_is="line",
     )  # fmt: skip
     return TextLayout(path, one, table, some.own)
