@@ -11,14 +11,18 @@ to the bit. This goes row by row, as a robot would be guarded live; `s3le guard 
 import argparse
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from s3le.errors import S3leError
 from s3le.guard import Guard
+from s3le.guard.guard import SETTINGS
 from s3le.guard.layouts.door import open_layout
 from s3le.safety import audit
+
+STRAIGHT = replace(SETTINGS, curved=False)  # who reads such a file goes straight from row to row
 
 
 def repair(guard: Guard, path: Path, target: Path) -> Counter[str]:
@@ -63,7 +67,7 @@ def main() -> None:
     parser.add_argument("--robot", default="g1", help="name, robot file or folder")
     given = parser.parse_args()
     try:
-        told = repair(Guard.load(given.robot), given.path, given.target)
+        told = repair(Guard.load(given.robot, settings=STRAIGHT), given.path, given.target)
     except (S3leError, OSError) as refusal:
         sys.exit(f"{type(refusal).__name__}: {refusal}")
     for reason, rows in told.most_common():
