@@ -283,7 +283,10 @@ def test_rows_of_ours_are_the_columns_of_ours_among_the_rows_of_all():
         aim = rounds.Aim(
             p.q.copy(), np.zeros((0, 21)), np.ones(21), np.eye(n)[None], q.copy(), own
         )  # fmt: skip
-        rounds.linearise(chain, balls, p, m, aim, np.full(m, 0.004), np.full(m, 0.5), custom)
+        rounds.linearise(
+            chain, balls, p, m, aim, np.full(m, 0.004), np.full(m, 0.5), np.zeros(m), np.ones(n),
+            custom,
+        )  # fmt: skip
         found.append(p)
     wide, ours = found
     count = int(wide.count[0])

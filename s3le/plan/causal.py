@@ -19,7 +19,7 @@ from s3le.kernels.poses import AGREEMENT, inside
 from s3le.kernels.qp import SOLVED, inverse_factor, solve
 from s3le.kernels.solver import clearance_of
 from s3le.plan import curved
-from s3le.plan.chase import fastest, speeds
+from s3le.plan.chase import fastest, further, speeds
 from s3le.safety.curve import EPS
 from s3le.safety.segment import CERTIFIED, prove
 
@@ -124,17 +124,6 @@ def safe(chain, swept, s, q, v, to, mean, dt, bounds, care, out):
             w[i] = (then[i] - here[i]) / dt
             here[i] = then[i]
     return False
-
-
-@compiled
-def further(w, acceleration, dt):
-    """How far a joint at speed w [rad/s] goes on [rad] while it brakes in steps of dt."""
-    unit = acceleration * dt
-    if not unit < np.inf:
-        return 0.0
-    m = np.floor(abs(w) / unit)
-    far = dt * (m * abs(w) - 0.5 * unit * m * (m + 1.0))
-    return far if w > 0.0 else -far
 
 
 @compiled

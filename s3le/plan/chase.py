@@ -20,6 +20,17 @@ def stopping(v, a, dt):
 
 
 @compiled
+def further(w, acceleration, dt):
+    """How far a joint at speed w [rad/s] goes on [rad] while it brakes in steps of dt."""
+    unit = acceleration * dt
+    if not unit < np.inf:
+        return 0.0
+    m = np.floor(abs(w) / unit)
+    far = dt * (m * abs(w) - 0.5 * unit * m * (m + 1.0))
+    return far if w > 0.0 else -far
+
+
+@compiled
 def fastest(far, a, dt):
     """Greatest speed [rad/s] of a step after which a joint can stop within far >= 0 [rad]."""
     if not a < np.inf:

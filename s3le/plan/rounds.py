@@ -14,6 +14,7 @@ from s3le.kernels import batch
 from s3le.kernels.compiled import compiled
 from s3le.kernels.distance import near_pairs, place_capsules
 from s3le.kernels.kinematics import bones, place
+from s3le.plan.chase import further
 from s3le.plan.interior import improve, warm, warm_rows
 from s3le.robot.chain import Chain
 from s3le.safety.curve import EPS
@@ -113,10 +114,16 @@ def bound(p, m, times, lasts, lower, upper, speed, acceleration):
 
 
 @compiled
-def _add(p, t, count, d, G, own, need, share):
-    """Rows for the pairs found, at a share of the way from frame t to the next.
+def _add(p, t, count, d, G, own, need, one, other):
+    """Rows for the pairs found at a pose that moves with frames t and t + 1.
 
     Pairs for which there is no room are left to the proof, which looks at all of them.
+
+    Args:
+        p, t: the program, and the first of the frames.
+        count, d, G: the pairs, see distance.near_pairs.
+        own, need: see Aim, Program.
+        one, other: what the pose moves by if a joint of frame t, or of t + 1, does, (n,).
     """
     n = len(own)
     k = p.count[0]
@@ -125,15 +132,15 @@ def _add(p, t, count, d, G, own, need, share):
             return
         p.frame[k] = t
         for i in range(n):
-            p.row[k, 0, i] = (1.0 - share) * G[j, own[i]]
-            p.row[k, 1, i] = share * G[j, own[i]]
+            p.row[k, 0, i] = one[i] * G[j, own[i]]
+            p.row[k, 1, i] = other[i] * G[j, own[i]]
         p.need[k] = need - d[j]
         k += 1
     p.count[0] = k
 
 
 @compiled
-def linearise(chain, balls, p, m, aim, target, between, custom):
+def linearise(chain, balls, p, m, aim, target, between, rests, acceleration, custom):
     """Skeleton and clearances at p.q into H, g and the rows.
 
     Args:
@@ -143,6 +150,9 @@ def linearise(chain, balls, p, m, aim, target, between, custom):
         target: clearance to aim at [m], (m,).
         between: (m,), share of the way to the next frame at which the path is to keep it too; 0:
             none.
+        rests: (m,), duration of the steps in which a robot that comes to the frame would brake [s],
+            where it is to keep that clearance at rest too; 0: not asked.
+        acceleration: with which it would [rad/s^2], (n,).
         custom: a Custom.
     """
     n, every = p.q.shape[1], aim.whole.shape[1]
@@ -156,6 +166,8 @@ def linearise(chain, balls, p, m, aim, target, between, custom):
     d = np.empty(len(chain.pair))
     G = np.empty((len(chain.pair), every))
     pose = np.empty(every)
+    one = np.ones(n)
+    other = np.zeros(n)
     p.count[0] = 0
     for t in range(m):
         if not p.fixed[t]:
@@ -182,7 +194,9 @@ def linearise(chain, balls, p, m, aim, target, between, custom):
                                 p.H[t, i, j] += c * J[k, own[j]]
             place_capsules(chain, R, at, ends)
             found = near_pairs(chain, ends, balls, at, z, target[t] + custom.band, d, G)
-            _add(p, t, found, d, G, own, target[t], 0.0)
+            one[:] = 1.0
+            other[:] = 0.0
+            _add(p, t, found, d, G, own, target[t], one, other)
         if between[t] > 0.0 and t + 1 < m and not (p.fixed[t] and p.fixed[t + 1]):
             share = between[t]
             for i in range(every):
@@ -192,11 +206,26 @@ def linearise(chain, balls, p, m, aim, target, between, custom):
             place(chain, pose, R, at, z)
             place_capsules(chain, R, at, ends)
             found = near_pairs(chain, ends, balls, at, z, target[t] + custom.band, d, G)
-            _add(p, t, found, d, G, own, target[t], share)
+            one[:] = 1.0 - share
+            other[:] = share
+            _add(p, t, found, d, G, own, target[t], one, other)
+        if rests[t] > 0.0 and t > 0 and not (p.fixed[t] and p.fixed[t - 1]):
+            dt = rests[t]
+            for i in range(every):
+                pose[i] = aim.whole[t, i]
+            for i in range(n):
+                w, a = (p.q[t, i] - p.q[t - 1, i]) / dt, acceleration[i]
+                pose[own[i]] = p.q[t, i] + further(w, a, dt)
+                one[i] = -np.floor(abs(w) / (a * dt)) if a < np.inf else 0.0
+                other[i] = 1.0 - one[i]
+            place(chain, pose, R, at, z)
+            place_capsules(chain, R, at, ends)
+            found = near_pairs(chain, ends, balls, at, z, target[t] + custom.band, d, G)
+            _add(p, t - 1, found, d, G, own, target[t], one, other)
 
 
 def settle_window(
-    chain, balls, p, m, aim, target, between, custom, anew, out, stride=np.inf
+    chain, balls, p, m, aim, target, between, rests, acceleration, custom, anew, out, stride=np.inf
 ) -> bool:  # fmt: skip
     """Find the nearest motion in a window.
 
@@ -205,7 +234,7 @@ def settle_window(
         p: the program, after `bound`; q is where it begins and receives the motion.
         m: frames in use.
         aim: an Aim of these frames.
-        target, between: see linearise.
+        target, between, rests, acceleration: see linearise.
         custom: a Custom.
         anew: begin without the multipliers of an earlier call.
         out: receives [rounds, iterations, most that the last round moved a joint [rad]].
@@ -218,7 +247,7 @@ def settle_window(
     stiff = custom.stiff
     for turn in range(custom.rounds):
         before = p.q[:m].copy()
-        linearise(chain, balls, p, m, aim, target, between, custom)
+        linearise(chain, balls, p, m, aim, target, between, rests, acceleration, custom)
         first = anew and turn == 0
         stiff = custom.soft * 4.0**turn if anew else custom.stiff
         stiff = min(stiff, custom.stiff)

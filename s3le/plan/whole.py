@@ -295,7 +295,7 @@ class _Job:
             W[rows] if len(W) > 1 else W, self.poses()[rows], its._own,
         )  # fmt: skip
         target = np.full(m, its.settings.target)
-        between, out = np.zeros(m), np.zeros(3)
+        between, rests, out = np.zeros(m), np.zeros(m), np.zeros(3)
         own = slice(start, min(stop + self._after, len(self.q)))
         chain, balls = its._chain, its._swept.balls
         custom = (
@@ -304,8 +304,8 @@ class _Job:
         short = custom._replace(rounds=max(custom.rounds // 2, 1))
         for turn in range(its.settings.repairs + 1):
             good = rounds.settle_window(
-                chain, balls, p, m, aim, target, between, short if turn else custom, turn == 0,
-                out, _STRIDE if again else np.inf,
+                chain, balls, p, m, aim, target, between, rests, its._bounds.acceleration,
+                short if turn else custom, turn == 0, out, _STRIDE if again else np.inf,
             )  # fmt: skip
             if not good or limits.broken(times, p.q[:m], most, lasts).any():
                 if turn or again:
@@ -326,6 +326,8 @@ class _Job:
                 target[max(at - 1, 0) : at + 2] += min(lack, 0.01) + _MORE
                 if not self.proven[row] and at <= m:
                     between[at - 1] = min(max(self.where[row], 0.1), 0.9)
+                    if self.where[row] == 1.0:  # of a curve: the way to rest
+                        rests[max(at - 2, 0) : at + 3] = np.diff(times).min()
         return True
 
     def _guess(self, times, wanted, kept, before: int, after: int) -> np.ndarray:
