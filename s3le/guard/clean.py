@@ -94,7 +94,8 @@ class Guard:
         if episode.others is not None:
             return self._look(episode, q, progress)[0]
         at_rows = self._asked(episode, q)
-        return audit.audit(self.robot, episode.time, q, self.demands, at_rows, progress)
+        v = episode.v if (q == episode.q).all() else None  # what is planned goes straight
+        return audit.audit(self.robot, episode.time, q, self.demands, at_rows, progress, v)
 
     def _look(
         self, episode: Episode, q: np.ndarray, progress: Progress | None = None
@@ -319,7 +320,8 @@ class Guard:
             episodes: as they were read.
             reports: what the audit found of each as it will be written.
         """
-        whole = audit.certificate(self.robot, self.demands, reports[0])
+        curve = any(check.name == "stops" for check in reports[0].checks)
+        whole = audit.certificate(self.robot, self.demands, reports[0], v=curve)
         bodies = [body for one in episodes if (body := self.body(one)) is not None]
         for body in bodies:
             also = wholebody.certificate(body, self.demands, reports[0])

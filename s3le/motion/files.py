@@ -48,6 +48,17 @@ def read(
         raise TrajectoryError(f"{path}: {error.strerror or error}") from None
 
 
+def tells_speeds(path: Path) -> bool:
+    """Is a sound file one that this project wrote, and does it tell speeds?
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    tells = {".parquet": parquet.tells_speeds, ".npz": npz.tells_speeds, ".csv": text.tells_speeds}
+    kind = path.suffix.lower()
+    return kind in tells and tells[kind](path)
+
+
 def write(trajectory: Trajectory, path: Path | str) -> None:
     """Write a trajectory, whole or not at all, in the format that the suffix names.
 

@@ -6,6 +6,7 @@ Arrays `time` [s], `q` [rad] and `v` [rad/s] (n, n_dof), `joint_names`, `heading
 """
 
 import json
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from s3le.errors import TrajectoryError
-from s3le.motion.columns import ANGLES, interpret
+from s3le.motion.columns import ANGLES, SPEEDS, interpret
 from s3le.motion.trajectory import Trajectory
 from s3le.store import npz
 
@@ -66,3 +67,9 @@ def told(text: np.ndarray | None) -> dict[str, Any]:
     except (ValueError, RecursionError):
         return {}
     return about if isinstance(about, dict) else {}
+
+
+def tells_speeds(path: Path) -> bool:
+    """Is a sound file ours, and does it tell speeds?"""
+    with zipfile.ZipFile(path) as archive:
+        return {f"{SPEEDS}.npy", "about.npy"} <= set(archive.namelist())

@@ -165,3 +165,10 @@ def told(metadata: dict[bytes, bytes]) -> dict[str, Any]:
             except ValueError:
                 about[name] = text
     return about
+
+
+def tells_speeds(path: Path) -> bool:
+    """Is a sound file ours, and does it tell speeds?"""
+    schema = pq.read_schema(path)
+    ours = f"{PREFIX}format".encode() in (schema.metadata or {})
+    return ours and any(name.endswith(SPEED) for name in schema.names)

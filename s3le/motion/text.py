@@ -221,3 +221,10 @@ def read_side(path: Path, data: bytes) -> dict:
     if not isinstance(tree, dict) or tree.pop("sha256", "") != hashlib.sha256(data).hexdigest():
         return {}
     return tree
+
+
+def tells_speeds(path: Path) -> bool:
+    """Is a sound file ours, with what lies beside it, and does it tell speeds?"""
+    with path.open("rb") as stream:
+        told = SPEED.encode() in stream.readline(MOST_HEADER)
+    return told and bool(read_side(side_file(path), path.read_bytes()))

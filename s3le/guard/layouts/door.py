@@ -7,6 +7,8 @@ from pathlib import Path
 from s3le.errors import TrajectoryError
 from s3le.guard.layouts import hdf5, lerobot, npz, parquet, pickled, text
 from s3le.guard.layouts.episode import Layout
+from s3le.motion import files as motions
+from s3le.motion.fit import fit
 from s3le.robot.model import Geometry
 
 _Open = Callable[[Path, Geometry, float | None, Sequence[str] | None, bool, Sequence[str]], Layout]
@@ -82,7 +84,11 @@ def open_layout(
             name = "Python 3's pickle" if _BEGIN[kind] == b"\x80" else kind[1:]
             what = "is empty" if not begin else f"is no {name}"
             raise TrajectoryError(f"{path}: {what}")
-        return _OPEN[kind](path, robot, fps, joints, degrees, given)
+        layout = _OPEN[kind](path, robot, fps, joints, degrees, given)
+        if motions.tells_speeds(path):
+            told = fit(motions.read(path, fps, joints), robot, degrees, given).trajectory
+            layout.episodes[0] = layout.episodes[0]._replace(v=told.v)
+        return layout
     except OSError as error:
         raise TrajectoryError(f"{path}: {error.strerror or error}") from None
 
@@ -102,14 +108,14 @@ def find(path: Path | str) -> list[Path]:
     if not path.is_dir():
         raise TrajectoryError(f"{path}: there is no such file or folder")
     found: list[Path] = []
-    for place, folders, files in os.walk(path):
+    for place, folders, names in os.walk(path):
         here = Path(place)
         for name in [name for name in folders if lerobot.is_dataset(here / name)]:
             folders.remove(name)
             if not name.startswith("."):
                 found.append(here / name)
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        found += [here / name for name in files if _is_motion(here / name)]
+        found += [here / name for name in names if _is_motion(here / name)]
     if not found:
         raise TrajectoryError(f"{path}: holds no motion ({', '.join(KNOWN)}, or LeRobot's folder)")
     return sorted(found)

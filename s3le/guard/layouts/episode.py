@@ -29,6 +29,7 @@ class Episode(NamedTuple):
     numbers: Numbers  # how the file writes these angles
     mode: np.ndarray | None = None  # str (m,), how each row came about; see trajectory.BETWEEN
     others: Others | None = None  # joints that others move; they stay as they are, to the bit
+    v: np.ndarray | None = None  # [rad/s], (m, n), where the file is a curve; gone once q is moved
 
     def as_written(self, q: np.ndarray) -> np.ndarray:
         """The angles that a file holds after `write` was given q [rad], (m, n).
