@@ -218,6 +218,7 @@ def _step(guard: Guard, log: Log, i: int, given: tuple, must: bool, free: tuple)
     log.add(
         before, made.q, given[1], made.reason.split(" ")[0], i, free,
         smooth=made.certified or out, led=out, rows=rows, v1=made.v,
+        short=not made.certified,
     )  # fmt: skip
     if i % streams.STOP_EVERY == 0:
         streams.stopped(log, guard.rest(), i, free)
@@ -258,7 +259,7 @@ def _chunks(guard: Guard, wanted: Wanted, rng: np.random.Generator, log: Log) ->
             log.add(
                 before, made.q[k], float(each[k]), made.reason[k].split(" ")[0], first + k,
                 (free, rows[k]), smooth=bool(made.certified[k]) or led, led=led, rows=curve,
-                v1=made.v[k],
+                v1=made.v[k], short=not made.certified[k],
             )  # fmt: skip
             before, v, free = made.q[k], made.v[k], rows[k]
         if (guard.q != made.q[driven - 1]).any():

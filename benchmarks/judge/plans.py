@@ -129,4 +129,8 @@ def at_rest(retargeter: Retargeter, q: np.ndarray, v: np.ndarray, dt: float) -> 
         t, here, fast = rows[-1]
         slower = np.sign(fast) * np.maximum(np.abs(fast) - most * dt, 0.0)
         rows.append((t + dt, here + 0.5 * dt * (fast + slower), slower))
+    t, rest, still = rows[-1]
+    inside = np.clip(rest, retargeter.robot.lower, retargeter.robot.upper)
+    if np.abs(inside - rest).max() <= 1e-9:  # of floats
+        rows[-1] = t, inside, still
     return rows

@@ -52,6 +52,7 @@ class Steps(NamedTuple):
     dt0: np.ndarray  # [s], (n,), its duration; NaN: no acceleration is promised here
     led: np.ndarray  # bool (n,), leads out of where nothing holds: time alone is judged
     rows: tuple[tuple[Row, ...], ...]  # (n,), of a step whose speed is continuous; (): straight
+    short: np.ndarray  # bool (n,), is not called certified: its end may keep less than the margin
     wrong: tuple[str, ...] = ()  # what was answered though it had to be refused, or the like
 
     def came(self, i: int) -> Came:
@@ -62,7 +63,10 @@ class Steps(NamedTuple):
         """What a judge sees of step i."""
         if self.rows[i]:
             came = None if np.isnan(self.dt0[i]) else self.came(i)
-            return judge.curve(self.rows[i], came)
+            seen = judge.curve(self.rows[i], came)
+            if self.short[i]:
+                seen = seen._replace(broken=tuple(k for k in seen.broken if k != "margin"))
+            return seen
         return judge.step(self.q0[i], self.q1[i], float(self.dt[i]), self.came(i))
 
     def chords(self, judge: Judge, i: int) -> np.ndarray:
@@ -95,6 +99,7 @@ class Log:
         rows: Sequence[Row] = (),
         aside: bool = False,
         v1: np.ndarray | None = None,
+        short: bool = False,
     ) -> None:
         """Note a step.
 
@@ -104,12 +109,15 @@ class Log:
             smooth: its acceleration is promised.
             led, rows: see Steps.
             aside: it could be taken, and is not: the next one begins where this one does.
+            short: see Steps.
             v1: speed at its end [rad/s]; None: that of its last row, or of all of it.
         """
         took = min(dt, LONGEST) if dt >= SHORTEST else np.nan  # NaN: no time passed
         before = took if self._dt is None else self._dt
         known = before if smooth else np.nan
-        self._rows.append((q0, q1, dt, mode, frame, *free, self._v, known, led, tuple(rows)))
+        self._rows.append(
+            (q0, q1, dt, mode, frame, *free, self._v, known, led, tuple(rows), short)
+        )  # fmt: skip
         if took > 0.0 and not aside:
             v1 = rows[-1].v if rows else v1
             self._v, self._dt = (q1 - q0) / took if v1 is None else v1, took
@@ -124,13 +132,15 @@ class Log:
             none, no = np.empty((0, self._n)), np.empty(0)
             return Steps(
                 none, none, no, no, no, none, none, self.refused, none, no,
-                np.empty(0, bool), (), tuple(self.wrong),
+                np.empty(0, bool), (), np.empty(0, bool), tuple(self.wrong),
             )  # fmt: skip
-        q0, q1, dt, mode, frame, free0, free1, v0, dt0, led, rows = zip(*self._rows, strict=True)
+        q0, q1, dt, mode, frame, free0, free1, v0, dt0, led, rows, short = zip(
+            *self._rows, strict=True
+        )  # fmt: skip
         return Steps(
             np.array(q0), np.array(q1), np.array(dt, float), np.array(mode), np.array(frame),
             np.array(free0), np.array(free1), self.refused, np.array(v0), np.array(dt0),
-            np.array(led), rows, tuple(self.wrong),
+            np.array(led), rows, np.array(short), tuple(self.wrong),
         )  # fmt: skip
 
 
