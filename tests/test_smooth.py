@@ -358,3 +358,33 @@ def test_an_audit_of_a_curve_finds_what_is_broken_between_its_rows_and_after_the
     report = audit(robot, time, made.q, asked, v=nan)
     assert not report.holds
     assert {c.name for c in report.checks if c.broken} >= {"velocities", "accelerations", "paths"}
+
+
+@pytest.mark.parametrize("check", [True, False])
+def test_a_row_of_a_stop_that_keeps_less_than_the_margin_is_not_called_certified(
+    check, monkeypatch
+):
+    robot = coman()
+    room = robot.certifier()
+    rng = np.random.default_rng(3)
+    bad = next(
+        q
+        for q in rng.uniform(robot.lower, robot.upper, (500, robot.n_dof))
+        if room.one(q)[0] < BETWEEN
+    )
+    near, low, high = robot.anchor, 0.0, 1.0  # a pose between the claim of rows and of the way
+    while not BETWEEN <= room.one(near)[0] < MARGIN:
+        share = 0.5 * (low + high)
+        near = robot.anchor + share * (bad - robot.anchor)
+        low, high = (share, high) if room.one(near)[0] >= MARGIN else (low, share)
+    it = Smooth(
+        robot, limits(robot), Settings(curved=True, target=MARGIN, check=check), q=robot.anchor
+    )
+    for wanted in swings(6, 10):
+        assert it.step(wanted, DT).certified
+    assert it.v.any()
+    monkeypatch.setattr(it, "_holds", lambda *_: False)  # only the kept stop is left
+    monkeypatch.setattr(it, "_along", lambda dt: (near.copy(), np.zeros_like(near), ()))
+    step = it.step(wanted, DT)
+    assert (step.q == near).all() and not step.certified
+    assert step.clearance == pytest.approx(room.one(near)[0], abs=1e-6)

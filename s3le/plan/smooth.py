@@ -12,6 +12,7 @@ has a way to rest that has been proven.
 import numpy as np
 
 from s3le.errors import CertificateError
+from s3le.kernels.solver import clearance_of
 from s3le.plan import causal, limits
 from s3le.plan.state import State, checked
 from s3le.plan.steps import Via, Walker
@@ -64,7 +65,10 @@ class Smooth(Walker):
             return causal.HELD, True
         self._driven = self._along(dt)
         out[0] = self._care.between
-        good = super()._measured(self._driven[0])
+        # A row off the grid of what was proven may keep less than the margin; then it says so.
+        end = self._driven[0]
+        self._clearance = float(clearance_of(self._chain, self._swept.balls, end))
+        good = self._clearance >= self.robot.margin and super()._measured(end)
         return causal.BRAKED, good
 
     def _along(self, dt: float) -> tuple[np.ndarray, np.ndarray, tuple[Via, ...]]:
