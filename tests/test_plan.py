@@ -11,9 +11,10 @@ from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.plan import chase, interior, limits, rounds, weights, whole
 from s3le.plan.banded import factor, solve_with
+from s3le.plan.examine import DRIVEN, WANTED
 from s3le.plan.settings import Settings
 from s3le.plan.steps import Walker
-from s3le.plan.whole import DRIVEN, Planner
+from s3le.plan.whole import Planner
 from s3le.robot.robot import Robot
 from s3le.safety.judge import Judge
 from s3le.safety.paths import CERTIFIED, certify
@@ -100,7 +101,7 @@ def test_a_motion_that_holds_comes_back_to_the_bit(skeleton):
     first = planner().plan(times, swings(120, 3, 0.8), skeleton=skeleton)
     again = planner().plan(times, first.q, skeleton=skeleton)
     assert again.q.tobytes() == first.q.tobytes()
-    assert (again.how == whole.WANTED).all()
+    assert (again.how == WANTED).all()
 
 
 def test_rows_far_from_what_is_broken_stay_as_they_are():

@@ -27,8 +27,8 @@ from s3le.guard.task import Reading
 from s3le.kernels import batch
 from s3le.motion.whole import joints
 from s3le.plan import rounds
+from s3le.plan.examine import DRIVEN
 from s3le.plan.interior import program
-from s3le.plan.whole import DRIVEN
 from s3le.plan.wholebody import BodyPlanner
 from s3le.robot import pairs
 from s3le.robot.description import read_description

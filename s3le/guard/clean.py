@@ -18,8 +18,9 @@ from s3le.guard.claim import Claim, with_reserve
 from s3le.guard.forced import Forced
 from s3le.guard.layouts.episode import Episode, Layout
 from s3le.motion.trajectory import BETWEEN
+from s3le.plan.examine import DRIVEN, PLANNED, WANTED
 from s3le.plan.limits import limits
-from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner
+from s3le.plan.whole import Planner
 from s3le.plan.wholebody import BodyPlanner
 from s3le.robot.robot import Robot
 from s3le.robot.wholebody import WholeBody, whole_body
@@ -36,7 +37,7 @@ class Made(NamedTuple):
     q: np.ndarray  # [rad], (m, n), as it will lie in the file
     before: audit.Report  # of the motion as it was
     after: audit.Report  # of q; holds, but for what is forced
-    how: np.ndarray  # uint8 (m,), whole.WANTED, PLANNED or DRIVEN
+    how: np.ndarray  # uint8 (m,), examine.WANTED, PLANNED or DRIVEN
     reserve: float  # [rad], what was kept of every limit because the file rounds
     forced: tuple[Forced, ...] = ()  # steps for which others leave no certified way
 

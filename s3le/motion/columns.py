@@ -61,11 +61,7 @@ def interpret(
     v: np.ndarray | None = None
     if key is not None:
         names, q = _columns(name, key, _numbers(name, key, table[key]), of_joints)
-        if (
-            key == ANGLES[0]
-            and SPEEDS in table
-            and (np.shape(table[SPEEDS]) == np.shape(table[key]))
-        ):
+        if key == ANGLES[0] and np.shape(table.get(SPEEDS, 0.0)) == np.shape(table[key]):
             v = _columns(name, SPEEDS, _numbers(name, SPEEDS, table[SPEEDS]), of_joints)[1]
     else:
         skip = {*TIMES, *RATES, *STEPS, *NUMBERING, *NAMES, HEADING, CLEARANCE, MODE}

@@ -21,6 +21,11 @@ class Plan(NamedTuple):
     v: np.ndarray | None = None  # [rad/s], (m, n), at each row; None: straight from row to row
 
 
+def origin(same: np.ndarray, driven: np.ndarray) -> np.ndarray:
+    """Where each row comes from, uint8 (m,), see Plan; bool (m,): as wanted to the bit, driven."""
+    return np.where(same, WANTED, np.where(driven, DRIVEN, PLANNED)).astype(np.uint8)
+
+
 @compiled
 def examine(chain, swept, s, q, care, first, last, clearance, proven, where, bound):
     """Measure rows first to last - 1, and prove the paths that end at them.

@@ -11,35 +11,23 @@ and has a proven way to rest, and each parabola between two is proven.
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.plan import curved, limits, rounds
+from s3le.plan import curved, rounds
+from s3le.plan.examine import Plan, origin
 from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings
-from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Plan, Planner, _Job
+from s3le.plan.whole import Planner, _Job
 from s3le.robot.robot import Robot
 from s3le.safety.paths import grid_of
 from s3le.types import Progress
 
 
 class Flow(Planner):
-    """Plans motions of one robot that are told by positions and speeds; one per thread."""
+    """Plans motions of one robot that are told by positions and speeds; one per thread.
 
-    def plan(
-        self,
-        times: np.ndarray,
-        wanted: np.ndarray,
-        *,
-        skeleton: bool = False,
-        weight: np.ndarray | None = None,
-        bone: np.ndarray | None = None,
-        stands: bool = False,
-        progress: Progress | None = None,
-    ) -> Plan:
-        """The nearest motion that holds; arguments, result and errors as of Planner.plan.
+    As Planner, but the weights of the joints are one matrix for all rows.
+    """
 
-        Raises:
-            ParameterError: also where weights are given row by row.
-        """
-        times, wanted = limits.motion(times, wanted, self.robot.n_dof)
+    def _job(self, times, wanted, skeleton, weight, bone, stands, progress) -> _Job:
         if weight is not None and np.ndim(weight) != 2:
             raise ParameterError("weights of the joints must be one matrix for all rows")
         moments, lasts = control_times(times)
@@ -47,15 +35,7 @@ class Flow(Planner):
         if stands:
             points[:3] = wanted[0]
         aim = self._aim(moments, points, skeleton, weight, bone)
-        job = _FlowJob(self, moments, points, aim, stands, progress, lasts)
-        job.settle()
-        q, v = job.rows()
-        if self.settings.check:
-            self._certifier.require(q, self.robot.margin)
-        same = (job.q == points).all(axis=1)
-        driven = job.driven[1:]
-        how = np.where(same[:-1] & same[1:], WANTED, np.where(driven, DRIVEN, PLANNED))
-        return Plan(q, how.astype(np.uint8), job.clearance[1:], job.bound[1:], v)
+        return _FlowJob(self, moments, points, aim, stands, progress, lasts)
 
 
 class _FlowJob(_Job):
@@ -83,6 +63,12 @@ class _FlowJob(_Job):
             its._chain, its._swept, its._scratch, self.q, self.lasts, self.grid, its._bounds,
             its._care, first, last, self.clearance, self.proven, self.where, self.bound,
         )  # fmt: skip
+
+    def plan(self) -> Plan:
+        q, v = self.rows()
+        same = (self.q == self.wanted).all(axis=1)
+        how = origin(same[:-1] & same[1:], self.driven[1:])
+        return Plan(q, how, self.clearance[1:], self.bound[1:], v)
 
     def _pose(self, row: int) -> np.ndarray:
         return self.rows(max(row - 1, 0), max(row, 1))[0][0]

@@ -89,18 +89,22 @@ def speeds(times: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.diff(q, axis=0) / np.diff(times)[:, None]
 
 
-def accelerations(times: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Acceleration at each row but the first and the last [rad/s^2], (m - 2, n)."""
-    dt = np.diff(times)
-    if len(dt) < 2:
-        return np.zeros((0, q.shape[1]))
-    return np.diff(speeds(times, q), axis=0) / (0.5 * (dt[1:] + dt[:-1]))[:, None]
-
-
 def changing(times: np.ndarray) -> np.ndarray:
     """Time in which the speed of a straight motion changes at each row [s], (m,)."""
     dt = np.diff(times, prepend=times[0], append=times[-1])
     return 0.5 * (dt[:-1] + dt[1:])
+
+
+def accelerations(times: np.ndarray, q: np.ndarray, lasts: np.ndarray | None = None) -> np.ndarray:
+    """Acceleration at each row but the first and the last [rad/s^2], (m - 2, n).
+
+    Args:
+        times: [s], (m,).
+        q: [rad], (m, n).
+        lasts: time in which the speed changes at each row [s], (m,); None: changing(times).
+    """
+    lasts = changing(times) if lasts is None else lasts
+    return np.diff(speeds(times, q), axis=0) / lasts[1:-1, None]
 
 
 def broken(
@@ -114,15 +118,14 @@ def broken(
         times: [s], (m,).
         q: [rad], (m, n).
         most: the limits.
-        lasts: time in which the speed changes at each row [s], (m,); None: changing(times).
+        lasts: see accelerations.
     """
     bad = np.logical_not(((q >= most.lower) & (q <= most.upper)).all(axis=1))
     fast = ~(np.abs(speeds(times, q)) <= most.speed * (1.0 + ROUNDING)).all(axis=1)
     bad[:-1] |= fast
     bad[1:] |= fast
-    lasts = changing(times) if lasts is None else lasts
-    turned = np.abs(np.diff(speeds(times, q), axis=0)) / lasts[1:-1, None]
-    hard = ~(turned <= most.acceleration * (1.0 + ROUNDING)).all(axis=1)
+    hard = np.abs(accelerations(times, q, lasts)) <= most.acceleration * (1.0 + ROUNDING)
+    hard = ~hard.all(axis=1)
     for shift in range(3):
         bad[shift : len(bad) - 2 + shift] |= hard
     return bad

@@ -11,10 +11,9 @@ has a way to rest that has been proven.
 
 import numpy as np
 
-from s3le.errors import CertificateError
 from s3le.kernels.solver import clearance_of
-from s3le.plan import causal, limits
-from s3le.plan.state import State, checked
+from s3le.plan import causal
+from s3le.plan.state import State
 from s3le.plan.steps import Via, Walker
 from s3le.safety import curve
 from s3le.safety.curve import EPS
@@ -130,27 +129,17 @@ class Smooth(Walker):
             self._path, self._lasts, self._gone = state.stop
 
     def restore(self, state: State) -> None:
-        """Go on from a state of a walker of the same robot, limits and settings.
+        """Go on from a state of a walker of the same robot, limits and settings; as Walker's."""
+        super().restore(state)
+        if self._v.any():
+            self._keep(self._before)
 
-        Raises:
-            ParameterError: it has other shapes, or holds what is no number.
-            CertificateError: the pose is not feasible, or from there it is not proven that the
-                robot can brake within its limits. Nothing has changed.
-        """
-        state = checked(state, len(self._q))
-        report = self._certifier.require(state.q[None], self.robot.margin)
-        if state.v.any():
-            path = np.empty((curve.ROWS, len(self._q)))
-            good = (np.abs(state.v) <= self.most.speed * (1.0 + limits.ROUNDING)).all()
-            care, hardest = self._care, self._bounds.acceleration
-            if not good or not rests(
-                self._chain, self._swept, self._scratch, state.q, state.v, hardest, state.before,
-                care.margin, care.between, care.budget, path,
-            )[0]:  # fmt: skip
-                raise CertificateError("from this state it is not proven that the robot can brake")
-        self.put(state._replace(clearance=float(report.clearance[0]), stop=None))
-        if state.v.any():
-            self._keep(state.before)
+    def _may_brake(self, state: State) -> bool:
+        path, care = np.empty((curve.ROWS, len(self._q))), self._care
+        return rests(
+            self._chain, self._swept, self._scratch, state.q, state.v, self._bounds.acceleration,
+            state.before, care.margin, care.between, care.budget, path,
+        )[0]  # fmt: skip
 
     def warm_up(self) -> None:
         """Compile what a step needs, or read it from the store, so that no step waits for it."""

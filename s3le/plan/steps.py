@@ -61,9 +61,7 @@ class Step(NamedTuple):
     clearance: float  # [m], of the pose
     bound: float  # [m], proven clearance of the path that leads there
     certified: bool  # within all limits and proven; False only where it had to stand still at once
-    via: tuple[
-        Via, ...
-    ] = ()  # rows within the step, where joints begin to be accelerated otherwise
+    via: tuple[Via, ...] = ()  # rows within it, where joints begin to be accelerated otherwise
 
 
 class Walker:
@@ -175,20 +173,22 @@ class Walker:
             CertificateError: the pose is not feasible, or from there it is not proven that the
                 robot can brake within its limits. Nothing has changed.
         """
-        q, v, before, _, even, asked, pace, flag, way, _ = checked(state, len(self._q))
-        report = self._certifier.require(q[None], self.robot.margin)
-        if v.any():
-            a, most = self.most.acceleration, self.most
-            far = np.maximum(np.abs(v) - 0.5 * a * before, 0.0) ** 2 / (2.0 * a)
-            room = np.where(v > 0.0, most.upper - q, q - most.lower)
-            stops = (np.abs(v) <= most.speed * (1.0 + limits.ROUNDING)).all()
-            stops = stops and (np.isinf(a) | (far <= room + _RESTS)).all()
-            self._at = q
-            stops = stops and self._rests(q, v, before, np.zeros(2))
-            self._at = self._q
-        if v.any() and not stops:
+        state = checked(state, len(self._q))
+        report = self._certifier.require(state.q[None], self.robot.margin)
+        slow = (np.abs(state.v) <= self.most.speed * (1.0 + limits.ROUNDING)).all()
+        if state.v.any() and not (slow and self._may_brake(state)):
             raise CertificateError("from this state it is not proven that the robot can brake")
-        self.put(State(q, v, before, float(report.clearance[0]), even, asked, pace, flag, way))
+        self.put(state._replace(clearance=float(report.clearance[0])))
+
+    def _may_brake(self, state: State) -> bool:
+        """Is a motion to rest within limits proven from a state?"""
+        q, v, dt, a = state.q, state.v, state.before, self.most.acceleration
+        far = np.maximum(np.abs(v) - 0.5 * a * dt, 0.0) ** 2 / (2.0 * a)
+        room = np.where(v > 0.0, self.most.upper - q, q - self.most.lower)
+        self._at = q
+        good = (np.isinf(a) | (far <= room + _RESTS)).all() and self._rests(q, v, dt, np.zeros(2))
+        self._at = self._q
+        return bool(good)
 
     def put(self, state: State) -> None:
         """Go back to a state of this very walker; it is not looked at again."""

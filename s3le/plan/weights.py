@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from s3le.errors import ParameterError
 from s3le.robot.robot import Robot
 from s3le.safety.swept import swept
 from s3le.skeleton import BONES
@@ -22,6 +23,19 @@ def of_joints(robot: Robot) -> np.ndarray:
     weight = reach**2 if reach.any() else np.ones(robot.n_dof)
     weight = weight / weight.mean()
     return np.diag(np.maximum(weight, _LEAST))
+
+
+def of_rows(weight: np.ndarray, m: int, n: int) -> np.ndarray:
+    """Weights of n joints in a motion of m rows, (1, n, n), for all of them, or (m, n, n).
+
+    Raises:
+        ParameterError: they have another shape, (n, n) aside, or are not finite.
+    """
+    weight = np.ascontiguousarray(weight, float)
+    weight = weight[None] if weight.ndim == 2 else weight
+    if weight.shape not in ((1, n, n), (m, n, n)) or not np.isfinite(weight).all():
+        raise ParameterError(f"weights must be finite, ({n}, {n}) or one a row, got {weight.shape}")
+    return weight
 
 
 def of_bones(robot: Robot, trunk: float = TRUNK) -> np.ndarray:

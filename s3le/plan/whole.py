@@ -18,7 +18,7 @@ from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.kernels.poses import AGREEMENT
 from s3le.plan import causal, chase, drive, limits, rounds, weights
-from s3le.plan.examine import DRIVEN, PLANNED, WANTED, Plan, examine
+from s3le.plan.examine import Plan, examine, origin
 from s3le.plan.interior import program
 from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings, bounds
@@ -94,16 +94,17 @@ class Planner:
             ParameterError: an argument has another shape or is not finite.
             CertificateError: no motion was found that holds; says which row does not.
         """
-        n = self.robot.n_dof
-        times, wanted = limits.motion(times, wanted, n)
-        aim = self._aim(times, wanted, skeleton, weight, bone)
-        job = _Job(self, times, wanted, aim, stands, progress)
+        times, wanted = limits.motion(times, wanted, self.robot.n_dof)
+        job = self._job(times, wanted, skeleton, weight, bone, stands, progress)
         job.settle()
+        made = job.plan()
         if self.settings.check:
-            self._certifier.require(job.q, self.robot.margin)
-        same = (job.q == wanted).all(axis=1)
-        how = np.where(same, WANTED, np.where(job.driven, DRIVEN, PLANNED)).astype(np.uint8)
-        return Plan(job.q, how, job.clearance, job.bound)
+            self._certifier.require(made.q, self.robot.margin)
+        return made
+
+    def _job(self, times, wanted, skeleton, weight, bone, stands, progress) -> "_Job":
+        aim = self._aim(times, wanted, skeleton, weight, bone)
+        return _Job(self, times, wanted, aim, stands, progress)
 
     def warm_up(self, everything: bool = False) -> None:
         """Compile what a motion needs, or read it from the store, so that none waits for it.
@@ -124,15 +125,9 @@ class Planner:
                 job.past(1)
 
     def _aim(self, times, wanted, skeleton, weight, bone) -> rounds.Aim:
-        n = wanted.shape[1]
         if weight is None:
-            weight = weights.RIDGE * np.eye(n) if skeleton else self._joints
-        weight = np.ascontiguousarray(weight, float)
-        weight = weight[None] if weight.ndim == 2 else weight
-        if weight.shape not in ((1, n, n), (len(times), n, n)) or not np.isfinite(weight).all():
-            raise ParameterError(
-                f"weights must be finite, ({n}, {n}) or one a row, got {weight.shape}"
-            )
+            weight = weights.RIDGE * np.eye(wanted.shape[1]) if skeleton else self._joints
+        weight = weights.of_rows(weight, *wanted.shape)
         bone = weights.of_bones(self.robot) if bone is None else np.asarray(bone, float)
         if bone.shape != (DIM,) or not (np.isfinite(bone) & (bone >= 0.0)).all():
             raise ParameterError(f"bones need {DIM} finite weights of at least 0")
@@ -181,13 +176,18 @@ class _Job:
             for start, stop in limits.stretches(first, self.reach, m):
                 self.around(start, stop)
             self.repair()
-            if (left := self.broken()).any():
+            if (left := self.refused()).any():
                 row = int(np.argmax(left))
                 raise CertificateError(
                     f"no motion was found that holds at row {row} ({self.times[row]:.4f} s): "
                     + self.why(row)
                 )
         self.done(m)
+
+    def plan(self) -> Plan:
+        """What was found."""
+        how = origin((self.q == self.wanted).all(axis=1), self.driven)
+        return Plan(self.q, how, self.clearance, self.bound)
 
     def done(self, rows: int) -> None:
         """Say that so many rows are done, of all."""
@@ -234,6 +234,10 @@ class _Job:
         bad = self.close(0, len(self.q))
         bad[:-1] |= ~self.proven[1:]
         return bad | limits.broken(self.times, self.q, self.its.most, self.lasts)
+
+    def refused(self) -> np.ndarray:
+        """Rows for which there is no answer."""
+        return self.broken()
 
     def why(self, row: int) -> str:
         if not self.clearance[row] >= self.its.robot.margin:

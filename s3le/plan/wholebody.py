@@ -14,14 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s3le.errors import CertificateError, ParameterError
+from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.plan import limits, rounds
 from s3le.plan.around import opened
 from s3le.plan.giveway import GiveWay, Terms
 from s3le.plan.limits import Limits
 from s3le.plan.settings import Settings
-from s3le.plan.whole import DRIVEN, PLANNED, WANTED, Planner, _Job
+from s3le.plan.whole import Planner, _Job
 from s3le.robot.wholebody import WholeBody
 from s3le.types import Progress
 
@@ -35,7 +35,7 @@ class BodyPlan(NamedTuple):
     """A motion of ours among given joints, one entry a row."""
 
     q: np.ndarray  # [rad], (m, n)
-    how: np.ndarray  # uint8 (m,): whole.WANTED, PLANNED or DRIVEN
+    how: np.ndarray  # uint8 (m,): examine.WANTED, PLANNED or DRIVEN
     forced: np.ndarray  # bool (m,), the pose or the path that leads to it is not certified
 
 
@@ -88,21 +88,8 @@ class BodyPlanner(Planner):
             )
         aim = self._aim(times, wanted, False, None, None)
         job = _BodyJob(self, times, wanted, given, aim, progress)
-        job.measure(0, len(times))
-        if (first := job.broken()).any():
-            for start, stop in limits.stretches(first, job.reach, len(times)):
-                job.around(start, stop)
-            job.repair()
-        if (left := limits.broken(times, job.q, self.most)).any():
-            row = int(np.argmax(left))
-            raise CertificateError(
-                f"no motion was found that holds at row {row} ({times[row]:.4f} s): limits, speed "
-                "or acceleration are exceeded"
-            )
-        job.done(len(times))
-        same = (job.q == wanted).all(axis=1)
-        how = np.where(same, WANTED, np.where(job.driven, DRIVEN, PLANNED)).astype(np.uint8)
-        return BodyPlan(job.q, how, job.close(0, len(times)))
+        job.settle()
+        return BodyPlan(job.q, job.plan().how, job.close(0, len(times)))
 
 
 class _BodyJob(_Job):
@@ -132,6 +119,13 @@ class _BodyJob(_Job):
         if self._bent is not None:
             wanted = self._bent
         return super()._guess(times, wanted, kept, before, after)
+
+    def refused(self) -> np.ndarray:
+        """Rows beyond our limits; where others leave no way a row comes out as forced."""
+        return limits.broken(self.times, self.q, self.its.most)
+
+    def why(self, row: int) -> str:
+        return "limits, speed or acceleration are exceeded"
 
     def repair(self) -> None:
         """Plan from other first guesses what is far off or does not hold; then give way."""

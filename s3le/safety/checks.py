@@ -8,11 +8,11 @@ import numpy as np
 from s3le.robot.certificate import Certifier
 from s3le.robot.robot import Robot
 from s3le.safety import curve
+from s3le.safety.curve import BEYOND
 from s3le.safety.paths import CERTIFIED, COLLIDES, UNDECIDED, Segments, rests, sampled
 
 ROUNDING = 1e-6  # share by which speed, acceleration may exceed a limit: files round their times
 PLACES = 5  # worst places that are named, at most one of each run of neighbours
-_BEYOND = 1e-9  # [rad], by which a joint may be beyond its limit between rows: of floats
 
 
 class Finding(NamedTuple):
@@ -74,12 +74,9 @@ def between(
     speed, bent, low, high = (np.empty(shape) for _ in range(4))
     q, v = np.require(q, float, ["C", "W"]), np.require(v, float, ["C", "W"])
     curve.steps(q, v, np.diff(time), speed, bent, low, high)
-    inside = _BEYOND
-    low, high = low + inside, high - inside
-    return (
-        speed, bent,
-        np.minimum(q, np.concatenate([low, q[-1:]])), np.maximum(q, np.concatenate([high, q[-1:]])),
-    )  # fmt: skip
+    low = np.minimum(q, np.concatenate([low + BEYOND, q[-1:]]))
+    high = np.maximum(q, np.concatenate([high - BEYOND, q[-1:]]))
+    return speed, bent, low, high
 
 
 def limits(robot: Robot, time: np.ndarray, low: np.ndarray, high: np.ndarray) -> Check:
@@ -95,15 +92,7 @@ def limits(robot: Robot, time: np.ndarray, low: np.ndarray, high: np.ndarray) ->
 
 def velocities(robot: Robot, time: np.ndarray, speed: np.ndarray, limit: np.ndarray) -> Check:
     """Speed of each step [rad/s], (n - 1, n_dof), against the limits (n_dof,)."""
-    share = speed / limit  # of a limit that is not known: 0
-    joint = share.argmax(axis=1) if len(share) else np.zeros(0, int)
-    rows = np.arange(len(share))
-    worst, fast = share[rows, joint], speed[rows, joint]
-    name = robot.joint_names
-    return check(
-        "velocities", "rad/s", time, ~(worst <= 1.0 + ROUNDING), -worst, fast,
-        lambda i: name[joint[i]], limit[joint],
-    )  # fmt: skip
+    return _shares(robot, "velocities", "rad/s", time, speed, limit)
 
 
 def accelerations(robot: Robot, time: np.ndarray, q: np.ndarray, limit: np.ndarray) -> Check:
@@ -119,25 +108,31 @@ def accelerations(robot: Robot, time: np.ndarray, q: np.ndarray, limit: np.ndarr
     mean = 0.5 * (step[1:] + step[:-1])
     turned = np.diff(q, axis=0) / step[:, None]
     hard = np.abs(np.diff(turned, axis=0)) / mean[:, None]  # (n - 2, n_dof)
-    share = hard / limit
-    joint = share.argmax(axis=1) if len(share) else np.zeros(0, int)
-    rows = np.arange(len(share))
-    worst, name = share[rows, joint], robot.joint_names
-    return check(
-        "accelerations", "rad/s^2", time[1:-1], ~(worst <= 1.0 + ROUNDING), -worst,
-        hard[rows, joint], lambda i: name[joint[i]], limit[joint], first=1,
-    )  # fmt: skip
+    return _shares(robot, "accelerations", "rad/s^2", time[1:-1], hard, limit, first=1)
 
 
 def bends(robot: Robot, time: np.ndarray, bent: np.ndarray, limit: np.ndarray) -> Check:
     """Greatest acceleration of each step of a motion that tells speeds."""
-    share = bent / limit
+    return _shares(robot, "accelerations", "rad/s^2", time, bent, limit)
+
+
+def _shares(
+    robot: Robot,
+    name: str,
+    unit: str,
+    time: np.ndarray,
+    value: np.ndarray,
+    limit: np.ndarray,
+    first: int = 0,
+) -> Check:
+    """Values of each step or row (m, n_dof), at least 0, against the joints' limits (n_dof,)."""
+    share = value / limit  # of a limit that is not known: 0
     joint = share.argmax(axis=1) if len(share) else np.zeros(0, int)
     rows = np.arange(len(share))
-    worst, name = share[rows, joint], robot.joint_names
+    worst, names = share[rows, joint], robot.joint_names
     return check(
-        "accelerations", "rad/s^2", time, ~(worst <= 1.0 + ROUNDING), -worst, bent[rows, joint],
-        lambda i: name[joint[i]], limit[joint],
+        name, unit, time, ~(worst <= 1.0 + ROUNDING), -worst, value[rows, joint],
+        lambda i: names[joint[i]], limit[joint], first,
     )  # fmt: skip
 
 
@@ -195,15 +190,15 @@ def paths(
     """Paths by coal's word where the proof found a pose that is too close."""
     hit = np.flatnonzero(paths.status == COLLIDES)
     t = paths.t[hit][:, None]
-    there = (1.0 - t) * q[hit] + t * q[hit + 1]
-    if v is not None:
-        when = time[hit] + t[:, 0] * (time[hit + 1] - time[hit])
-        there = sampled(time, q, v, hit, when)[0]
+    when = time[:-1].copy()
+    when[hit] += t[:, 0] * np.diff(time)[hit]
+    if v is None:
+        there = (1.0 - t) * q[hit] + t * q[hit + 1]
+    else:
+        there = sampled(time, q, v, hit, when[hit])[0]
     seen = checker.check(there)
     value, pair = paths.bound.copy(), paths.pair.copy()
     value[hit], pair[hit] = seen.clearance, seen.pair
-    when = time[:-1].copy()
-    when[hit] += t[:, 0] * np.diff(time)[hit]
     unknown = paths.status == UNDECIDED
     value[unknown] = np.nan
     order = np.where(unknown, np.inf, value)  # last: how bad they are is not known

@@ -17,6 +17,7 @@ from s3le.kernels.compiled import compiled
 START, RATE, FIRST, JERK, ONE, SECOND, TWO = range(7)  # rows of a path (7, n)
 ROWS = 7
 EPS = 1e-7  # share of every limit that is not used, so that no rounding exceeds it
+BEYOND = 1e-9  # [rad], by which a joint may be beyond its limit between rows: of floats
 
 
 @compiled

@@ -81,7 +81,9 @@ def certify(
     bounds = swept(chain)
 
     dt, speeds = np.empty(0), np.empty((0, q.shape[1]))
-    if v is not None and time is not None:
+    if v is not None:
+        if time is None:
+            raise ParameterError("paths of which speeds are told need the times of their rows")
         speeds, dt = np.require(v, float, ["C", "W"]), np.diff(np.asarray(time, float))
         if speeds.shape != q.shape or dt.shape != (n,):
             raise ParameterError(f"speeds {speeds.shape} and times do not fit poses {q.shape}")

@@ -6,10 +6,10 @@ from s3le.kernels.compiled import compiled
 from s3le.kernels.poses import AGREEMENT
 from s3le.kernels.solver import clearance_of
 from s3le.safety import curve
+from s3le.safety.curve import BEYOND
 from s3le.safety.segment import CERTIFIED, prove_curve
 
 _FEW = 8  # rows of a stop that are looked at one by one; one of more keeps the margin throughout
-_BEYOND = 1e-9  # [rad], by which a joint may be beyond its limit between rows: of floats
 
 
 @compiled
@@ -20,7 +20,7 @@ def within(chain, path):
     high = np.empty(n)
     curve.span(path, low, high)
     for i in range(n):
-        if not (chain.lower[i] - _BEYOND <= low[i] and high[i] <= chain.upper[i] + _BEYOND):
+        if not (chain.lower[i] - BEYOND <= low[i] and high[i] <= chain.upper[i] + BEYOND):
             return False
     return True
 

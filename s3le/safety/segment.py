@@ -183,13 +183,7 @@ def prove_rows(chain, swept, s, q, margin, budget, status, number, pair, used):
     """
     for i in range(len(q) - 1):
         found = prove(chain, swept, s, q[i], q[i + 1], margin, budget)
-        status[i] = found[0]
-        number[i, 0] = found[1]
-        number[i, 1] = found[2]
-        number[i, 2] = found[3]
-        number[i, 3] = found[5]
-        pair[i] = found[4]
-        used[i] = found[6]
+        _note(found, i, status, number, pair, used)
 
 
 @compiled
@@ -199,13 +193,19 @@ def prove_steps(chain, swept, s, q, v, dt, margin, budget, status, number, pair,
     for i in range(len(q) - 1):
         curve.cubic(q[i], v[i], q[i + 1], v[i + 1], dt[i], path)
         found = prove_curve(chain, swept, s, path, margin, budget)
-        status[i] = found[0]
-        number[i, 0] = found[1]
-        number[i, 1] = found[2]
-        number[i, 2] = found[3]
-        number[i, 3] = found[5]
-        pair[i] = found[4]
-        used[i] = found[6]
+        _note(found, i, status, number, pair, used)
+
+
+@compiled
+def _note(found, i, status, number, pair, used):
+    """Write what prove gave of row i."""
+    status[i] = found[0]
+    number[i, 0] = found[1]
+    number[i, 1] = found[2]
+    number[i, 2] = found[3]
+    number[i, 3] = found[5]
+    pair[i] = found[4]
+    used[i] = found[6]
 
 
 @compiled

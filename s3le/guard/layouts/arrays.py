@@ -94,7 +94,7 @@ def read(
         others = [
             k
             for k in table
-            if k not in (key, SPEEDS if about else key)
+            if not (k == key or about and k == SPEEDS)
             and k.lower() not in matched.KNOWN
             and _rows(table[k])
         ]
