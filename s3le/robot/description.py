@@ -26,11 +26,11 @@ MAPPED = (
 ARMS = {side: tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "hand")) for side in "rl"}
 _KEYS = (
     "name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation",
-    "srdf", "hulls", "velocity", "acceleration", "given",
+    "srdf", "hulls", "velocity", "acceleration", "given", "stand",
 )  # fmt: skip
 _OPTIONAL: dict[str, Any] = {
     "srdf": None, "hulls": None, "base_rpy": [0.0, 0.0, 0.0], "hold": {}, "velocity": {},
-    "acceleration": {}, "pair_inflation": 1.1, "given": [],
+    "acceleration": {}, "pair_inflation": 1.1, "given": [], "stand": None,
 }  # fmt: skip
 WIDEST = 100.0  # [rad] an angle beyond this is damage or another unit
 LARGEST = 64 * 2**20  # [bytes] of any file that a robot file names
@@ -63,6 +63,7 @@ class Description:
     joints: tuple[str, ...]
     hold: dict[str, float]  # joint -> angle [rad]
     anchor: dict[str, float]  # joint -> angle [rad]
+    stand: dict[str, float] | None  # how its maker stands it, zero where not named; None: unsaid
     velocity: dict[str, float]  # joint -> limit [rad/s], where the URDF's is not to be used
     acceleration: dict[str, float]  # joint -> limit [rad/s^2]; not named: the default's
     pair_inflation: float  # [-]
@@ -147,6 +148,7 @@ def read_description(path: Path, held: Mapping[str, bytes] | None = None) -> Des
         joints=tuple(map(str, joints)),
         hold=_angles(path, "hold", tree["hold"]),
         anchor=_angles(path, "anchor", tree["anchor"]),
+        stand=None if tree["stand"] is None else _angles(path, "stand", tree["stand"]),
         velocity=_limits(path, "velocity", tree["velocity"], 1e3),
         acceleration=_accelerations(path, tree["acceleration"], list(map(str, joints))),
         pair_inflation=_number(path, "pair_inflation", tree["pair_inflation"], 1.0, 10.0),

@@ -77,6 +77,7 @@ class Geometry:
     points: dict[str, Point]  # by role, s3le.robot.description.MAPPED; a missing arm has none
     base_rotation: np.ndarray  # (3, 3): base frame -> x forward, y left, z up
     anchor: np.ndarray  # [rad], (n_dof,)
+    stand: np.ndarray | None  # [rad], (n_dof,), how its maker stands it; None: the file is silent
     pair_inflation: float
     disabled: dict[frozenset[str], str]  # pairs of links that the SRDF takes off, and its reason
     parsed: tuple[pin.Model, pin.GeometryModel] = field(repr=False)  # never changed: see reduced
@@ -152,18 +153,7 @@ def from_description(text: Description) -> Geometry:
             f"{where}: no collision geometry, so nothing could be checked; s3le robot new puts "
             "capsules around meshes"
         )
-    anchor = np.zeros(len(joints))
-    moving = [joint.name for joint in joints]
-    for name, angle in text.anchor.items():
-        if name not in moving:
-            raise RobotError(f"{text.source}: anchor names '{name}', which does not move")
-        anchor[moving.index(name)] = angle
-    for joint, angle in zip(joints, anchor, strict=True):
-        if not joint.lower <= angle <= joint.upper:
-            raise RobotError(
-                f"{text.source}: anchor of {joint.name} is {angle:.4f} rad, outside its range "
-                f"[{joint.lower:.4f}, {joint.upper:.4f}]"
-            )
+    anchor = _pose(text, joints, "anchor", text.anchor)
     found = Geometry(
         name=text.name,
         description=text,
@@ -173,6 +163,7 @@ def from_description(text: Description) -> Geometry:
         points=points,
         base_rotation=pin.rpy.rpyToMatrix(*text.base_rpy),
         anchor=anchor,
+        stand=None if text.stand is None else _pose(text, joints, "stand", text.stand),
         pair_inflation=text.pair_inflation,
         disabled=srdf.disabled(text.srdf, text.files["srdf"]) if text.srdf else {},
         parsed=(model, geometry),
@@ -233,6 +224,25 @@ def _reduced(text: Description) -> tuple[pin.Model, pin.GeometryModel, list[str]
         geometry = ranges.sweep(text, model, geometry, capsules, still)
     locked = [j for j in range(1, model.njoints) if model.names[j] not in text.joints]
     return *pin.buildReducedModel(model, geometry, locked, still), names
+
+
+def _pose(
+    text: Description, joints: tuple[Joint, ...], key: str, named: dict[str, float]
+) -> np.ndarray:
+    """A pose of the robot file [rad], (n_dof,): zero where it names nothing."""
+    angles = np.zeros(len(joints))
+    moving = [joint.name for joint in joints]
+    for name, angle in named.items():
+        if name not in moving:
+            raise RobotError(f"{text.source}: {key} names '{name}', which does not move")
+        angles[moving.index(name)] = angle
+    for joint, angle in zip(joints, angles, strict=True):
+        if not joint.lower <= angle <= joint.upper:
+            raise RobotError(
+                f"{text.source}: {key} of {joint.name} is {angle:.4f} rad, outside its range "
+                f"[{joint.lower:.4f}, {joint.upper:.4f}]"
+            )
+    return angles
 
 
 def _joint(model: pin.Model, index: int, where: str, text: Description) -> Joint:
@@ -368,6 +378,8 @@ def _digest(robot: Geometry) -> str:
     for role, point in robot.points.items():
         parts += [role.encode(), str(point.joint).encode(), point.offset.tobytes()]
     parts += [robot.base_rotation.tobytes(), robot.anchor.tobytes()]
+    if robot.stand is not None:  # what files without it gave stays as it is
+        parts.append(b"stand" + robot.stand.tobytes())
     parts.append(np.array([robot.pair_inflation]).tobytes())
     parts += [name.encode() for pair in sorted(map(sorted, robot.disabled)) for name in pair]
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]

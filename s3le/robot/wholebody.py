@@ -45,6 +45,7 @@ def with_joints(robot: Robot, names: Sequence[str]) -> Robot:
         joints=(*text.joints, *names),
         hold={name: angle for name, angle in text.hold.items() if name not in stands},
         anchor=dict(zip(robot.joint_names, robot.anchor.tolist(), strict=True)) | stands,
+        stand=None if text.stand is None else text.stand | stands,
         given=tuple(name for name in text.given if name not in stands),
     )
     made = Robot._settled(model.from_description(wider), text.source, robot.margin, robot.neck)
