@@ -91,7 +91,7 @@ def _without_feet(urdf: Path) -> None:
 
 
 def _competitors(it: Robot, q: np.ndarray) -> list[Found]:
-    slow = OneByOne(it, it.watched, it.margin)
+    slow = OneByOne(it, it.margin)
 
     def from_clipped(pose):
         return slow.nearest(pose, pose)

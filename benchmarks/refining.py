@@ -100,7 +100,7 @@ def _say(it, refine, ahead, wanted, q, mode, clips, times, x) -> None:
 
 def _to_optimum(it: Retargeter, x, wanted, q, count: int, seed: int) -> None:
     robot = it.robot
-    other = OneByOne(robot, robot.watched, robot.margin)
+    other = OneByOne(robot, robot.margin)
     rng = stream(seed, "optimum")
     rows = np.sort(rng.choice(len(x), count, replace=False))
     pool = sampling.draw_feasible(robot, 2000, stream(seed, "starts"))[0]

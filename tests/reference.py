@@ -15,10 +15,9 @@ import pinocchio as pin
 
 from s3le.kernels.distance import reach
 from s3le.kernels.solver import clearance_of, minimise, restore
-from s3le.robot import certificate
 from s3le.robot.certificate import PER_METRE
 from s3le.robot.chain import Chain
-from s3le.robot.model import Geometry
+from s3le.robot.robot import Robot
 
 BAND = 0.1  # [m], pairs farther than this over the margin do not enter a quadratic program
 SLACK = 1e-6  # [m], aimed for beyond the margin
@@ -38,22 +37,22 @@ class Nearest(NamedTuple):
 class OneByOne:
     """Both projections for one robot; holds pinocchio's scratch space, so one per thread."""
 
-    def __init__(self, robot: Geometry, watched: np.ndarray, margin: float) -> None:
-        """Build the collision model.
+    def __init__(self, robot: Robot, margin: float) -> None:
+        """Take the collision model of the robot's certificate.
 
         Args:
             robot: whose poses are projected.
-            watched: body indices of the pairs that must keep clear, int (n_pairs, 2).
             margin: clearance to keep [m].
         """
         self.margin, self.anchor = margin, robot.anchor
         self.lower, self.upper = robot.lower, robot.upper
-        self._model, self._geometry = certificate._models(robot, PER_METRE)
-        for a, b in watched:
-            self._geometry.addCollisionPair(pin.CollisionPair(int(a), int(b)))
+        own = robot.certifier()
+        self._model, self._geometry = own._model, own._geometry
         self._data = self._model.createData()
         self._scratch = pin.GeometryData(self._geometry)
-        self._joint = np.array([body.joint + 1 for body in robot.bodies])[watched]  # (n_pairs, 2)
+        self._joint = np.array([body.joint + 1 for body in robot.bodies])[
+            robot.watched
+        ]  # (n_pairs, 2)
         self._points, self._base = robot.points, robot.base_rotation
         self._moves = np.zeros((robot.n_dof + 1, robot.n_dof), bool)
         for joint in range(robot.n_dof):

@@ -41,14 +41,14 @@ def rooms():
 @pytest.fixture(scope="module")
 def coal(rooms):
     promise = rooms.judging.promise_of(retargeter())
-    return rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman()))
+    return rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman(), promise.between))
 
 
 @pytest.fixture(scope="module")
 def mujoco(rooms):
     pytest.importorskip("mujoco")
     promise = rooms.judging.promise_of(retargeter())
-    return rooms.judging.Judge(coman(), promise, rooms.engines.Mujoco(coman()))
+    return rooms.judging.Judge(coman(), promise, rooms.engines.Mujoco(coman(), promise.between))
 
 
 @pytest.fixture(scope="module")
@@ -231,11 +231,14 @@ def test_whatever_comes_in_is_refused_in_words_or_answered_by_a_step_that_holds(
 def test_engines_agree_with_each_other_and_with_the_certificate(rooms):
     pytest.importorskip("mujoco")
     made = coman()
-    one, other = rooms.engines.Coal(made), rooms.engines.Mujoco(made)
+    between = retargeter().settings.between
+    one, other = rooms.engines.Coal(made, between), rooms.engines.Mujoco(made, between)
     q = inside_limits(made, 60, 4)
     found = np.array([one.pairs(pose) for pose in q])
     assert np.allclose(found, [other.pairs(pose) for pose in q], rtol=0, atol=SAME)
-    assert np.allclose(found.min(axis=1), made.certifier().check(q).clearance, rtol=0, atol=SAME)
+    assert np.allclose(
+        found.min(axis=1), made.certifier(between).check(q).clearance, rtol=0, atol=SAME
+    )
     rows = np.arange(3, 60, 7)
     for engine in (one, other):
         least, pair = engine.nearest(q, rows)
@@ -250,9 +253,10 @@ def test_pairs_that_are_left_out_are_far(rooms, coal):
         end = q0 + np.clip(q1 - q0, -0.3, 0.3)
         seen = coal.path(q0, end)
         poses = coal.samples(q0, end)
-        whole = coman().certifier().check(poses).clearance
+        whole = coman().certifier(retargeter().settings.between).check(poses).clearance
         assert seen.clearance == pytest.approx(min(whole.min(), far), abs=SAME)
-        assert seen.end == pytest.approx(min(whole[-1], far), abs=SAME)
+        last = coman().certifier().check(poses[-1:]).clearance[0]
+        assert seen.end == pytest.approx(min(last, far), abs=SAME)
 
 
 def test_no_point_moves_more_than_a_millimetre_between_two_samples(coal):
@@ -366,7 +370,7 @@ def unguarded(scripts):
 
 def judges(rooms, rounding):
     promise = rooms.judging.promise_of(retargeter())._replace(rounding=rounding)
-    return rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman()))
+    return rooms.judging.Judge(coman(), promise, rooms.engines.Coal(coman(), promise.between))
 
 
 def test_no_step_of_a_planned_file_breaks_a_promise_and_unplanned_they_do(rooms, planned):
@@ -472,7 +476,7 @@ def court(rooms, monkeypatch):
         made.plain, made.close = retargeter(), retargeter(target=MARGIN, check=False)
         made.clips, made.digest = [(30.0, motion())], "clips"
         promise = rooms.judging.promise_of(made.plain)
-        made.sit(promise, rooms.engines.Coal(coman()), None)
+        made.sit(promise, rooms.engines.Coal(coman(), promise.between), None)
         made.hpp, made.versions = None, {"coal": "3"}
         made.between, made.certifier = promise.between, coman().certifier()
         return made

@@ -216,7 +216,7 @@ def test_no_small_feasible_step_leads_nearer():
 def slowly():
     """The reference of COMAN, and the first rows that collide."""
     made = coman()
-    return OneByOne(made, made.watched, made.margin), np.flatnonzero(sampled()[3])[:40]
+    return OneByOne(made, made.margin), np.flatnonzero(sampled()[3])[:40]
 
 
 def test_the_reference_s_gradients_are_the_kernels():

@@ -210,7 +210,7 @@ def test_a_motion_with_a_pose_that_the_independent_check_refuses_is_none(
 def test_refining_comes_near_the_best_there_is_and_never_falls_behind_the_look_up():
     """The best is that of 20 starts by a solver that shares no line with ours."""
     made, it = coman(), retargeter()
-    other = OneByOne(made, made.watched, MARGIN)
+    other = OneByOne(made, MARGIN)
     starts = np.concatenate([made.anchor[None], stored()[0][:19]])
     x = motion(240, seed=7)[5::80]
     last, q, out, apart = np.zeros(11), np.zeros(11), np.zeros(3), []

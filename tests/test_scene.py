@@ -188,7 +188,8 @@ def test_frames_of_the_joints_carry_the_bodies_where_the_kernels_have_them():
 
 def test_the_closest_points_lie_on_the_two_bodies_as_far_apart_as_is_said():
     made = coman()
-    near = Nearness(made, made.watched)
+    plain = np.isnan(made.baselines)  # of bodies that overlap by design, thinner ones are measured
+    near = Nearness(made, made.watched, made.slack())
     for pose in relaxed(made, 20, 3):
         found = near.closest(pose)
         report = made.certifier().check(pose[None])
@@ -196,6 +197,8 @@ def test_the_closest_points_lie_on_the_two_bodies_as_far_apart_as_is_said():
         assert np.linalg.norm(np.subtract(*found.points)) == pytest.approx(
             abs(found.clearance), abs=1e-6
         )
+        if not plain[found.pair]:
+            continue
         ends = batch.capsule_ends(made.chain, pose[None])[0]
         for body, point in zip(made.watched[found.pair], found.points, strict=True):
             a, along = ends[body, 0], ends[body, 1] - ends[body, 0]

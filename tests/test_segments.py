@@ -214,7 +214,7 @@ def test_between_random_feasible_poses_of_coman_some_paths_collide_and_some_do_n
     collided = np.flatnonzero(found.status == COLLIDES)
     assert 5 < len(collided) < 30 and (found.status == CERTIFIED).sum() > 20
     there = np.array([at(q[row], q[row + 1], found.t[row]) for row in collided])
-    report = made.certifier().check(there)
+    report = made.certifier(BETWEEN).check(there)
     assert np.allclose(report.clearance, found.clearance[collided], rtol=0, atol=AGREEMENT)
     assert (report.limit_margin >= -1e-15).all()  # [rad], limits at both ends hold between
     assert (report.clearance < BETWEEN).all()
@@ -315,7 +315,7 @@ def test_a_path_of_no_length_is_as_clear_as_its_pose():
     found = certify(made, q, BETWEEN)
     stays = slice(0, None, 2)
     assert (found.status[stays] == CERTIFIED).all() and (found.used[stays] == 0).all()
-    clearance = batch.clearances(made.chain, q[stays])[:-1]
+    clearance = made.certifier(BETWEEN).check(q[stays]).clearance[:-1]
     assert np.allclose(found.bound[stays], clearance[: len(found.bound[stays])], atol=ROUNDING)
     assert len(certify(made, q[:1], BETWEEN).status) == 0
 

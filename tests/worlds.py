@@ -271,6 +271,7 @@ def _length(v: np.ndarray) -> float:
 def all_clearances(made: Robot, ends: np.ndarray) -> np.ndarray:
     """Signed distance of every watched pair at one pose [m], without any shortcut."""
     radius = made.chain.body_radius
-    return np.array(
+    found = np.array(
         [exact_distance(ends[a, :2], ends[b, :2]) - radius[a] - radius[b] for a, b in made.watched]
     )
+    return found + made.slack()  # counted from the baseline, where bodies overlap by design

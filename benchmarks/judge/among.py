@@ -83,7 +83,9 @@ def judge(body: WholeBody, guard: Guard) -> Judge:
                                guard.most.upper), strict=True):  # fmt: skip
         ends[key][body.own] = own
     return Judge(
-        body.robot, Promise(body.base.margin, guard.settings.between, **ends), Coal(body.robot)
+        body.robot,
+        Promise(body.base.margin, guard.settings.between, **ends),
+        Coal(body.robot, guard.settings.between),
     )
 
 

@@ -127,7 +127,7 @@ class Continuous:
             frozenset(self._body(index) for index in (pair.first, pair.second))
             for pair in self._robot.geomModel().collisionPairs
         }
-        wanted = {frozenset(map(int, pair)) for pair in robot.watched}
+        wanted = {frozenset(two) for two in _watched(robot)}
         if names != robot.joint_names or pairs != wanted:
             raise RuntimeError(f"HPP reads {robot.name} as another robot; it cannot judge")
         self._proof = core.Dichotomy(self._robot, 0.0)
@@ -148,6 +148,15 @@ class Continuous:
         return int(self._robot.geomModel().geometryObjects[index].name[1:].rpartition("_")[0])
 
 
+def _watched(robot: Robot) -> list[tuple[int, int]]:
+    """Pairs of bodies as they are written: of one that overlaps by design, its own copies."""
+    pairs, count = [], len(robot.bodies)
+    for (a, b), slack in zip(robot.watched.tolist(), robot.slack(), strict=True):
+        pairs.append((a, b) if slack == 0.0 else (count, count + 1))
+        count += 0 if slack == 0.0 else 2
+    return pairs
+
+
 def written(robot: Robot, between: float) -> tuple[str, str]:
     """URDF and SRDF of a robot whose bodies touch where they are `between` [m] apart."""
     model, geometry = robot.reduced()
@@ -162,19 +171,25 @@ def written(robot: Robot, between: float) -> tuple[str, str]:
             f'<limit lower="{joint.lower!r}" upper="{joint.upper!r}" velocity="1" effort="1"/>'
             "</joint>"
         )
-    for k, item in enumerate(geometry.geometryObjects):
+    parts = [(k, 0.0) for k in range(len(robot.bodies))]
+    for (a, b), slack in zip(robot.watched, robot.slack(between), strict=True):
+        if slack != 0.0:  # a pair that overlaps by design: thinner copies of its own
+            share = slack / (robot.bodies[a].radius + robot.bodies[b].radius)
+            parts += [(int(k), share * robot.bodies[k].radius) for k in (a, b)]
+    for k, (source, less) in enumerate(parts):
+        item = geometry.geometryObjects[source]
         placement, capsule = capsule_of(item)
         lines.append(
             f'<link name="b{k}"><collision><geometry><capsule '
-            f'radius="{(capsule.radius + between / 2) * UNIT!r}" '
+            f'radius="{(capsule.radius - less + between / 2) * UNIT!r}" '
             f'length="{2.0 * capsule.halfLength * UNIT!r}"/></geometry></collision></link>'
             f'<joint name="to_b{k}" type="fixed"><parent link="l{item.parentJoint}"/>'
             f'<child link="b{k}"/>{_origin(placement)}</joint>'
         )
-    watched = {frozenset(map(int, pair)) for pair in robot.watched}
+    watched = {frozenset(two) for two in _watched(robot)}
     rules = [
         f'<disable_collisions link1="b{a}" link2="b{b}" reason="not watched"/>'
-        for a in range(len(robot.bodies))
+        for a in range(len(parts))
         for b in range(a)
         if frozenset((a, b)) not in watched
     ]

@@ -32,7 +32,10 @@ class Engine(Protocol):
     agrees: float  # [m], with coal, which is what the margin of a pose is promised by
 
     def pairs(self, q: np.ndarray) -> np.ndarray:
-        """Signed distance of every watched pair at one pose q (n_dof,) [m], (n_pairs,)."""
+        """Signed distance of every watched pair at one pose q (n_dof,) [m], (n_pairs,).
+
+        Of a pair that overlaps by design it counts as on paths (Robot.slack).
+        """
 
     def nearest(self, q: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least signed distance [m] (m,) at poses q (m, n_dof) over watched pairs `rows`; whose."""
@@ -44,22 +47,38 @@ class Coal:
     name = "coal"
     agrees = 1e-12  # where a box is turned into a capsule, the last digit may differ
 
-    def __init__(self, robot: Robot) -> None:
-        """Build the model from the URDF."""
+    def __init__(self, robot: Robot, between: float) -> None:
+        """Build the model from the URDF; paths keep `between` [m]."""
         self._model, self._geometry = robot.reduced()
         for at in self._model.jointPlacements:
             at.translation = at.translation * UNIT
         for item in self._geometry.geometryObjects:
             _to_capsule(item)
         number = {item.name: i for i, item in enumerate(self._geometry.geometryObjects)}
-        for a, b in robot.watched:
-            names = robot.bodies[a].name, robot.bodies[b].name
-            self._geometry.addCollisionPair(pin.CollisionPair(*(number[name] for name in names)))
+        for (a, b), slack in zip(robot.watched, robot.slack(between), strict=True):
+            two = [number[robot.bodies[body].name] for body in (a, b)]
+            if slack != 0.0:
+                two = [self._geometry.addGeometryObject(item) for item in self._thin(two, slack)]
+            self._geometry.addCollisionPair(pin.CollisionPair(*two))
         self._data = self._model.createData()
         self._whole, self._scratch = (pin.GeometryData(self._geometry) for _ in range(2))
         # These are views: what is measured next is seen in them.
         self._every = list(self._whole.distanceResults)
         self._on = np.ones(len(robot.watched), bool)  # which pairs scratch measures
+
+    def _thin(self, two: list[int], slack: float) -> list[pin.GeometryObject]:
+        """Two bodies whose radii are smaller by half of it each, at least as far as one goes."""
+        items = [self._geometry.geometryObjects[index] for index in two]
+        radii = np.array([item.geometry.radius for item in items])
+        less = np.minimum(0.5 * slack * UNIT, radii - 1.0)
+        less += (slack * UNIT - less.sum()) * np.array([less[1] > less[0], less[0] >= less[1]])
+        return [
+            pin.GeometryObject(
+                f"{item.name} {len(self._geometry.geometryObjects) + k}", item.parentJoint,
+                item.placement, coal.Capsule(radii[k] - less[k], 2.0 * item.geometry.halfLength),
+            )
+            for k, item in enumerate(items)
+        ]  # fmt: skip
 
     def pairs(self, q: np.ndarray) -> np.ndarray:
         """See Engine."""
@@ -94,8 +113,8 @@ class Mujoco:
     name = "mujoco"
     agrees = 1e-7
 
-    def __init__(self, robot: Robot) -> None:
-        """Let MuJoCo read the URDF.
+    def __init__(self, robot: Robot, between: float) -> None:
+        """Let MuJoCo read the URDF; paths keep `between` [m].
 
         Raises:
             ImportError: mujoco is not installed.
@@ -111,6 +130,7 @@ class Mujoco:
         self._at = np.array([self._model.joint(name).qposadr[0] for name in names])
         geom = [self._model.geom(body.name).id for body in robot.bodies]
         self._pair = [(geom[a], geom[b]) for a, b in robot.watched]
+        self._slack = robot.slack(between)
 
     def pairs(self, q: np.ndarray) -> np.ndarray:
         """See Engine."""
@@ -125,11 +145,14 @@ class Mujoco:
     def _distances(self, q: np.ndarray, rows) -> np.ndarray:
         self._data.qpos[self._at] = q
         mujoco.mj_kinematics(self._model, self._data)
-        return np.array(
-            [
-                mujoco.mj_geomDistance(self._model, self._data, *self._pair[row], 10.0, None)
-                for row in rows
-            ]
+        return (
+            np.array(
+                [
+                    mujoco.mj_geomDistance(self._model, self._data, *self._pair[row], 10.0, None)
+                    for row in rows
+                ]
+            )
+            + self._slack[list(rows)]
         )
 
 

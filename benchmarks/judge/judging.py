@@ -86,6 +86,8 @@ class Judge:
         self._reach = reaches(robot)  # (b, n_dof)
         a, b = self._reach[robot.watched.T]  # (p, n_dof) each
         # A joint that moves both bodies of a pair moves neither as seen from the other.
+        # Rows keep more than paths do: the margin, and less depth where bodies overlap by design.
+        self._more = robot.slack() - robot.slack(promise.between)
         self._apart = np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0)  # (p, n_dof)
 
     def step(self, q0: np.ndarray, q1: np.ndarray, dt: float, came: Came | None = None) -> Verdict:
@@ -211,9 +213,13 @@ class Judge:
             if len(near):
                 least[part], pair[part] = self.engine.nearest(q[part], near)
                 poses, checks = poses + count, checks + count * len(near)
+        end = float(least[-1])
+        if self._more.any():
+            end = float((self.engine.pairs(q[-1]) + self._more).min())
+            poses, checks = poses + 1, checks + len(self._more)
         at = int(np.argmin(least))  # the first NaN, if any
         return Verdict(
-            (), min(float(least[at]), FAR), min(float(least[-1]), FAR), at / max(len(q) - 1, 1),
+            (), min(float(least[at]), FAR), min(end, FAR), at / max(len(q) - 1, 1),
             int(pair[at]), np.nan, 0.0, poses, checks,
         )  # fmt: skip
 

@@ -67,7 +67,11 @@ class Court:
             digest.update(np.float64(rate).tobytes() + x.tobytes())
         self.digest = digest.hexdigest()
         robot, promise = self.plain.robot, promise_of(self.plain)
-        self.sit(promise, Coal(robot), Mujoco(robot) if mujoco else None)
+        self.sit(
+            promise,
+            Coal(robot, promise.between),
+            Mujoco(robot, promise.between) if mujoco else None,
+        )
         self.between = promise.between
         # A curve is proven by chords, from which it strays by less.
         self.hpp = Continuous(robot, self.between - streams.SAG) if installed() else None

@@ -143,6 +143,7 @@ def audit(
                 "margin_m": wanted.margin,
                 "margin_between_m": wanted.margin_between,
                 "not_covered": _not_covered(its, bodies.values()),
+                "by_design": library.by_design(its),
                 "not_covered_links": covered.tree(its),
                 "holds": status == shell.OK,
                 "files": told,

@@ -160,6 +160,7 @@ def _about(robot: "Robot", file: Path) -> dict[str, Any]:
         "bones": list(robot.vectors),
         "bodies": len(robot.bodies),
         "pairs_watched": len(robot.watched),
+        "by_design": [f"{a} and {b}: {why}" for a, b, _, why in robot.by_design()],
         "not_covered": [f"{a} and {b}: {why}" for a, b, _, why in robot.unwatched()],
         "not_covered_links": covered.tree(robot),
         "warning": covered.warning(robot),
@@ -255,7 +256,7 @@ def _draw(robot: "Robot", path: Path, notes: list[str]) -> None:
     points = batch.points(chain, q)[0]
     kept = [BONES.index(name) for name in robot.vectors]
     tail, head = (points[ends[kept]].mean(axis=1) for ends in (chain.tail, chain.head))
-    dropped = [(p.a, p.b) for p in robot.pairs if p.reason not in (pairs.WATCHED, pairs.FIXED)]
+    dropped = [(p.a, p.b) for p in robot.pairs if p.reason not in pairs.SURE]
     shown = picture.Shown(
         f"{it.name} at its anchor: {it.n_dof} joints, {len(it.bodies)} bodies, "
         f"{len(robot.watched)} pairs watched, {len(dropped)} not",

@@ -327,8 +327,9 @@ class Guard:
         for body in bodies:
             also = wholebody.certificate(body, self.demands, reports[0])
             whole["given"] = list(dict.fromkeys([*whole.get("given", []), *also["given"]]))
-            pairs = whole["not_covered"]
-            whole["not_covered"] = pairs + [p for p in also["not_covered"] if p not in pairs]
+            for key in ("not_covered", "by_design"):
+                pairs = whole[key]
+                whole[key] = pairs + [p for p in also[key] if p not in pairs]
         rows = sum(report.rows for report in reports)
         bounds = [report.bound for report in reports if report.rows > 1]
         whole["poses"] |= {

@@ -16,6 +16,7 @@ from s3le.kernels import batch
 from s3le.kernels.distance import near_pairs, place_capsules, reach
 from s3le.kernels.kinematics import place
 from s3le.kernels.qp import SOLVED, inverse_factor, solve
+from s3le.robot.chain import watching
 from s3le.robot.robot import Robot
 from s3le.safety import segment
 from s3le.safety.swept import swept
@@ -74,12 +75,10 @@ class _Search:
         self.chain = robot.chain
         self.d = batch.pair_distances(self.chain, q[None])[0]
         self.close = ~(self.d >= need.margin + _SLACK)
-        rest = self.chain._replace(pair=np.ascontiguousarray(self.chain.pair[~self.close]))
+        rest = watching(self.chain, ~self.close)
         self._others = rest, swept(rest), segment.scratch(rest)
         self._between = min(need.between, float(self.d[~self.close].min(initial=np.inf)))
-        self._closed = self.chain._replace(
-            pair=np.ascontiguousarray(self.chain.pair[self.close])
-        )  # fmt: skip
+        self._closed = watching(self.chain, self.close)
         self._certifier = robot.certifier()
 
     def complaint(self) -> str:

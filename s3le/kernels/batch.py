@@ -264,7 +264,7 @@ def _pair_distances(chain, q, out):
         for k in range(len(chain.pair)):
             a, b = chain.pair[k, 0], chain.pair[k, 1]
             gap = nearest_on_segments(ends[a], ends[b], witness)
-            out[row, k] = gap - chain.body_radius[a] - chain.body_radius[b]
+            out[row, k] = gap - chain.body_radius[a] - chain.body_radius[b] + chain.slack[k]
 
 
 @compiled

@@ -1,4 +1,7 @@
-"""Signed capsule distances over the watched pairs, with gradients, compiled."""
+"""Signed capsule distances over the watched pairs, with gradients, compiled.
+
+Of a pair that overlaps by design the distance is counted from its baseline: slack is added.
+"""
 
 import numpy as np
 
@@ -147,7 +150,7 @@ def clearance(chain, ends, balls):
         if bound <= 0.0 or apart >= bound * bound:
             continue  # the balls around the two are already farther apart than the best
         d = nearest_on_segments(ends[a], ends[b], witness)
-        d -= chain.body_radius[a] + chain.body_radius[b]
+        d -= chain.body_radius[a] + chain.body_radius[b] - chain.slack[k]
         if d < best:
             best = d
             which = k
@@ -174,7 +177,7 @@ def near_pairs(chain, ends, balls, p, z, band, d, G):
         if apart >= bound * bound:
             continue
         gap = separation(ends[a], ends[b], witness, normal)
-        gap -= chain.body_radius[a] + chain.body_radius[b]
+        gap -= chain.body_radius[a] + chain.body_radius[b] - chain.slack[k]
         if gap >= band or found >= len(d):
             continue
         d[found] = gap

@@ -274,6 +274,7 @@ def blend(chain, balls, anchor, margin, q):
                 nearest_on_segments(ends[a], ends[b], witness)
                 - chain.body_radius[a]
                 - chain.body_radius[b]
+                + chain.slack[k]
             )
             if gap < margin:
                 for j in range(n):

@@ -127,14 +127,15 @@ def lines(robot: Robot, found: Survey, every: bool) -> list[str]:
         out.append(f"reach: {names[side]} hand up to {far * 1e3:.0f} mm from its shoulder")
     out += _drawn(robot)
     reasons = Counter(pair.reason for pair in robot.pairs)
-    kept = reasons.pop(pairs.WATCHED, 0)
+    kept = sum(reasons[reason] for reason in pairs.KEPT)
     out.append(f"pairs of bodies: {len(robot.pairs)}, watched {kept}")
+    del reasons[pairs.WATCHED]
     for reason, count in sorted(reasons.items()):
-        out.append(f"  not watched, {reason}: {count}")
+        out.append(f"  {'' if reason in pairs.SURE else 'not watched, '}{reason}: {count}")
         if reason != pairs.FIXED:
             out += _some([
                 f"{robot.bodies[p.a].name} and {robot.bodies[p.b].name} "
-                f"({p.clearance * 1e3:.0f} mm at the anchor)"
+                f"({p.clearance * 1e3:.1f} mm at the anchor{_numbers(p)})"
                 for p in robot.pairs if p.reason == reason
             ], every)  # fmt: skip
     out.append(
@@ -166,6 +167,15 @@ def lines(robot: Robot, found: Survey, every: bool) -> list[str]:
         out += [f"      {name}: {count} poses, {deep * 1e3:.1f} mm"
                 for name, count, deep in found.hull_pairs]  # fmt: skip
     return out
+
+
+def _numbers(pair: pairs.Pair) -> str:
+    """The baseline of a pair, or how neighbours lie over their joint."""
+    if np.isfinite(pair.baseline):
+        return f", baseline {pair.baseline * 1e3:.1f}"
+    if np.isfinite(pair.seen[0]):
+        return f", {pair.seen[0] * 1e3:.1f} to {pair.seen[1] * 1e3:.1f} over its range"
+    return ""
 
 
 def _drawn(robot: Robot) -> list[str]:

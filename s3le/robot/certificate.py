@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from s3le.errors import CertificateError
+from s3le.errors import CertificateError, RobotError
 from s3le.robot.model import Geometry
 
 # coal compares squared lengths, and length^2 length^2 sine^2 of two axes, with 2e-14. In metres
@@ -32,21 +32,45 @@ class Report(NamedTuple):
 class Certifier:
     """Measures poses of one robot; holds pinocchio's scratch space, so one per thread."""
 
-    def __init__(self, robot: Geometry, watched: np.ndarray) -> None:
+    def __init__(
+        self, robot: Geometry, watched: np.ndarray, slack: np.ndarray | None = None
+    ) -> None:
         """Build the collision model.
 
         Args:
             robot: whose poses are checked.
             watched: body indices of the pairs to measure, int (n_pairs, 2).
+            slack: what is added to each pair's distance [m], (n_pairs,); None: nothing.
         """
         self.robot = robot
         self._model, self._geometry = _models(robot, PER_METRE)
-        for a, b in watched:
-            self._geometry.addCollisionPair(pin.CollisionPair(int(a), int(b)))
+        self._names = [body.name for body in robot.bodies]  # of every object of the geometry
+        for row, (a, b) in enumerate(watched):
+            two = int(a), int(b)
+            if slack is not None and slack[row] != 0.0:
+                two = self._thinned(two, float(slack[row]))
+            self._geometry.addCollisionPair(pin.CollisionPair(*two))
         self._data = self._model.createData()
         self._scratch = pin.GeometryData(self._geometry)
         self._lower, self._upper = robot.lower, robot.upper
         self.nearest = -1  # row of the watched pair that is closest at the pose `one` saw last
+
+    def _thinned(self, pair: tuple[int, int], slack: float) -> tuple[int, int]:
+        """Copies of two capsules, thinner so that they are farther apart by slack [m]."""
+        items = [self._geometry.geometryObjects[index] for index in pair]
+        radii = [item.geometry.radius for item in items]
+        share = 1.0 - slack * PER_METRE / sum(radii)
+        if not share > 0.0:
+            raise RobotError(f"{items[0].name} and {items[1].name} overlap up to their cores")
+        made = []
+        for index, item, radius in zip(pair, items, radii, strict=True):
+            half = getattr(item.geometry, "halfLength", 0.0)
+            thin = coal.Capsule(radius * share, 2.0 * half)
+            name = f"{item.name} {len(self._geometry.geometryObjects)}"
+            added = pin.GeometryObject(name, item.parentJoint, item.placement, thin)
+            made.append(int(self._geometry.addGeometryObject(added)))
+            self._names.append(self._names[index])
+        return made[0], made[1]
 
     def check(self, q: np.ndarray, progress: Callable[[int], object] | None = None) -> Report:
         """Measure limits and clearance of each pose.
@@ -120,7 +144,7 @@ class Certifier:
                 )
         report = self.check(q[None])
         item = self._geometry.collisionPairs[int(report.pair[0])]
-        names = [self.robot.bodies[index].name for index in (item.first, item.second)]
+        names = [self._names[index] for index in (item.first, item.second)]
         return (
             f"row {row}: {names[0]} and {names[1]} are {report.clearance[0] * 1e3:.4f} mm apart, "
             f"wanted at least {margin * 1e3:.4f} mm"

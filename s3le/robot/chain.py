@@ -28,15 +28,30 @@ class Chain(NamedTuple):
     body_b: np.ndarray  # [m], (b, 3)
     body_radius: np.ndarray  # [m], (b,)
     pair: np.ndarray  # int64 (p, 2), watched pairs of bodies
+    slack: np.ndarray  # [m], (p,), added to the distance of a pair that overlaps by design; else 0
+    floor: np.ndarray  # [m], (p,), distance that such a pair keeps on the paths between poses
 
 
-def build(robot: Geometry, watched: np.ndarray, neck: str) -> Chain:
+def watching(chain: Chain, kept: np.ndarray) -> Chain:
+    """The same robot of which only some watched pairs are watched: kept, bool (p,)."""
+    pair = np.ascontiguousarray(chain.pair[kept])
+    return chain._replace(pair=pair, slack=chain.slack[kept], floor=chain.floor[kept])
+
+
+def build(
+    robot: Geometry,
+    watched: np.ndarray,
+    neck: str,
+    slack: np.ndarray | None = None,
+    floor: np.ndarray | None = None,
+) -> Chain:
     """Flatten a robot.
 
     Args:
         robot: as read from its files.
         watched: body indices of the watched pairs, int64 (p, 2).
         neck: "midpoint" of the shoulders or "joint" (skeleton.NECKS).
+        slack, floor: of pairs that overlap by design, see Chain; without them there are none.
     """
     n = robot.n_dof
     moves = np.zeros((n + 1, n), np.bool_)
@@ -76,4 +91,6 @@ def build(robot: Geometry, watched: np.ndarray, neck: str) -> Chain:
         body_b=np.array([body.b for body in robot.bodies]),
         body_radius=np.array([body.radius for body in robot.bodies]),
         pair=np.ascontiguousarray(watched, np.int64),
+        slack=np.zeros(len(watched)) if slack is None else slack,
+        floor=np.zeros(len(watched)) if floor is None else floor,
     )

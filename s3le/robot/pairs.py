@@ -1,9 +1,16 @@
 """Which pairs of bodies are watched for collision, and why the others are not.
 
-Anchor rule (the authors'): a pair is watched unless its capsules, grown by `pair_inflation`,
-already overlap at the anchor pose. It needs no SRDF and works for any URDF. Bodies that cannot
-move relative to each other are not watched either, nor are pairs of links that an SRDF takes off
-where the robot file names one. Every pair is listed with its reason.
+A pair is watched unless its capsules, grown by `pair_inflation`, overlap at the anchor pose (the
+rule of the paper's authors; it needs no SRDF and works for any URDF). Of those that do:
+
+- neighbours, joined by a joint, touch by design and are not watched; their distance depends on
+  that joint alone, and how they overlap over its range is told;
+- others are held to their *baseline*, the deepest that they overlap at the anchor, at zero and at
+  `stand`: nowhere more than DEEPER beyond it. Where no angles can bring them deeper that is proven
+  once (robot/bounded.py); the rest are watched, their distance counted from the baseline.
+
+Bodies that cannot move relative to each other are not watched either, nor are pairs of links that
+an SRDF takes off where the robot file names one. Every pair is listed with its reason.
 """
 
 from collections.abc import Sequence
@@ -13,14 +20,25 @@ import coal
 import numpy as np
 
 from s3le.errors import RobotError
+from s3le.robot.bounded import never_deeper, over_range
 from s3le.robot.certificate import placements
 from s3le.robot.model import Geometry
 from s3le.robot.ranges import origin
 
 WATCHED = "watched"
+BASELINE = "watched against its baseline"
+BOUNDED = "overlap by design, proven never deeper than the baseline at any angles"
 FIXED = "cannot move relative to each other"
-OVERLAP = "overlap at the anchor when grown"
+NEIGHBOURS = "neighbours on both sides of a joint"
+MEETING = "overlap at the anchor up to their cores"
 DISABLED = "disabled by the SRDF"  # and, in brackets, the reason that it gives
+KEPT = (WATCHED, BASELINE)  # that every pose and every path is held to
+BY_DESIGN = (BASELINE, BOUNDED, NEIGHBOURS, MEETING)  # overlap at the anchor, grown
+SURE = (*KEPT, BOUNDED, FIXED)  # of which nothing is left open
+
+DEEPER = 0.001  # [m] beyond its baseline that a pair comes nowhere
+RESTING = 0.0005  # [m], the same for the poses of rows: what is left is for the paths between
+_CORES = 0.002  # [m], cores nearer than this at the baseline leave no distance to watch
 
 
 class Pair(NamedTuple):
@@ -29,8 +47,22 @@ class Pair(NamedTuple):
     a: int  # index into robot.bodies
     b: int
     kind: str  # e.g. "limb-trunk": what kinds of body the pair joins
-    reason: str  # WATCHED, FIXED, OVERLAP, or one that begins with DISABLED
+    reason: str  # WATCHED, BASELINE, ...; or one that begins with DISABLED
     clearance: float  # [m] at the anchor, capsules not grown
+    baseline: float = np.nan  # [m], signed distance; of BASELINE and BOUNDED
+    seen: tuple[float, float] = (np.nan, np.nan)  # [m] over the joint's range; of NEIGHBOURS
+
+
+def told(pair: Pair) -> str:
+    """Why a pair is watched or not, with its numbers."""
+    if pair.reason == NEIGHBOURS and pair.seen[0] < 0.0:
+        least, most = (-depth * 1e3 for depth in pair.seen[::-1])
+        over = f"{max(least, 0.0):.0f} to {most:.0f}"
+        return f"{pair.reason}, seen to overlap by {over} mm over its range"
+    if np.isfinite(pair.baseline):
+        depth = -pair.baseline * 1e3
+        return f"{pair.reason}, {depth:.1f} mm deep" if depth > 0.0 else pair.reason
+    return pair.reason
 
 
 def body_kinds(robot: Geometry) -> list[str]:
@@ -59,35 +91,61 @@ def all_pairs(robot: Geometry) -> list[Pair]:
         RobotError: not one pair is left to watch.
     """
     at_anchor = placements(robot, robot.anchor)
+    others = [placements(robot, pose) for pose in _standing(robot)]
     kinds = body_kinds(robot)
     pairs = []
     for a in range(len(robot.bodies)):
         for b in range(a + 1, len(robot.bodies)):
-            sides = {kinds[a], kinds[b]}
-            limbs = sides - {"trunk"}
-            kind = (
-                "trunk-trunk"
-                if not limbs
-                else "limb-trunk"
-                if "trunk" in sides
-                else "limb-limb"
-                if len(limbs) == 2
-                else "within a limb"
-            )
             clearance = _distance(robot, at_anchor, a, b, 1.0)
+            pair = Pair(a, b, _kind(kinds[a], kinds[b]), WATCHED, clearance)
+            links = frozenset((robot.bodies[a].link, robot.bodies[b].link))
             if robot.bodies[a].joint == robot.bodies[b].joint:
-                reason = FIXED
-            elif why := robot.disabled.get(frozenset((robot.bodies[a].link, robot.bodies[b].link))):
-                reason = f"{DISABLED} ({why})"
+                pair = pair._replace(reason=FIXED)
+            elif why := robot.disabled.get(links):
+                pair = pair._replace(reason=f"{DISABLED} ({why})")
             elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0:
-                reason = OVERLAP
-            else:
-                reason = WATCHED
-            pairs.append(Pair(a, b, kind, reason, clearance))
-    if not any(pair.reason == WATCHED for pair in pairs):
+                deepest = min(_distance(robot, at, a, b, 1.0) for at in (at_anchor, *others))
+                pair = _by_design(robot, pair, deepest)
+            pairs.append(pair)
+    if not any(pair.reason in KEPT for pair in pairs):
         file = robot.description.source
         raise RobotError(f"{file}: no pair of bodies is left to watch at this anchor")
     return pairs
+
+
+def _standing(robot: Geometry) -> list[np.ndarray]:
+    """Poses beside the anchor in which bodies may overlap by design [rad]."""
+    zero = np.clip(np.zeros(robot.n_dof), robot.lower, robot.upper)
+    return [zero] if robot.stand is None else [zero, robot.stand]
+
+
+def _by_design(robot: Geometry, pair: Pair, baseline: float) -> Pair:
+    """What is decided of a pair that overlaps at the anchor, grown.
+
+    Args:
+        robot: whose pair it is.
+        pair: as far as it is known.
+        baseline: signed distance [m] where it overlaps deepest.
+    """
+    one, other = robot.bodies[pair.a], robot.bodies[pair.b]
+    solid = {body.joint for body in robot.bodies}
+    if not solid & set(_between(robot, one.joint, other.joint)[1:-1]):
+        return pair._replace(reason=NEIGHBOURS, seen=over_range(robot, one, other))
+    if one.radius + other.radius + baseline < _CORES:
+        return pair._replace(reason=MEETING)
+    proven = never_deeper(robot, one, other, baseline - DEEPER)
+    return pair._replace(reason=BOUNDED if proven else BASELINE, baseline=baseline)
+
+
+def _kind(one: str, other: str) -> str:
+    """What kinds of body a pair joins."""
+    sides = {one, other}
+    limbs = sides - {"trunk"}
+    if not limbs:
+        return "trunk-trunk"
+    if "trunk" in sides:
+        return "limb-trunk"
+    return "limb-limb" if len(limbs) == 2 else "within a limb"
 
 
 def alike(
@@ -109,6 +167,10 @@ def alike(
     for pair in made:
         two = [origin(robot.bodies[body].name) for body in (pair.a, pair.b)]
         reason = FIXED if two[0] == two[1] else reasons[frozenset(two)]
+        if reason in BY_DESIGN and reason != NEIGHBOURS:
+            # What was proven of the body does not hold of what it sweeps: watched, to be sure.
+            deepest = pair.clearance if np.isnan(pair.baseline) else pair.baseline
+            pair, reason = pair._replace(baseline=deepest), BASELINE
         if reason == WATCHED and not pair.clearance >= margin:
             raise RobotError(
                 f"{robot.description.source}: at the anchor {two[0]} and {two[1]} are "
@@ -127,10 +189,10 @@ def anchor_collision(robot: Geometry, pairs: list[Pair]) -> Pair | None:
     clear of one of them (a forearm in the torso, the upper arm not) is a collision.
     """
     joint = [body.joint for body in robot.bodies]
-    near = {(joint[p.a], joint[p.b]) for p in pairs if p.reason == OVERLAP}
+    near = {(joint[p.a], joint[p.b]) for p in pairs if p.reason in BY_DESIGN}
     near |= {(b, a) for a, b in near}
     for p in pairs:
-        if p.reason == OVERLAP and p.clearance < 0.0:
+        if p.reason in BY_DESIGN and p.clearance < 0.0:
             path = [j for j in _between(robot, joint[p.a], joint[p.b]) if j in joint]
             if len(path) > 2 and not {(path[1], path[-1]), (path[0], path[-2])} <= near:
                 return p
@@ -146,7 +208,12 @@ def _between(robot: Geometry, a: int, b: int) -> list[int]:
 
 def watched(pairs: list[Pair]) -> np.ndarray:
     """Body indices of the watched pairs, int64 (n_pairs, 2)."""
-    return np.array([(p.a, p.b) for p in pairs if p.reason == WATCHED], np.int64).reshape(-1, 2)
+    return np.array([(p.a, p.b) for p in pairs if p.reason in KEPT], np.int64).reshape(-1, 2)
+
+
+def baselines(pairs: Sequence[Pair]) -> np.ndarray:
+    """Baselines [m] of the watched pairs, (n_pairs,); NaN of those that are simply kept apart."""
+    return np.array([p.baseline for p in pairs if p.reason in KEPT], float)
 
 
 def _distance(robot: Geometry, at: list[coal.Transform3s], a: int, b: int, grow: float) -> float:

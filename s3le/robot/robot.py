@@ -5,7 +5,7 @@ margin. Whoever checks a pose checks this robot, not a file that may since have 
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
 from dataclasses import replace as replaced
 from functools import cached_property, partial
@@ -172,9 +172,11 @@ class Robot(Geometry):
                 self.bodies[p.a].name,
                 self.bodies[p.b].name,
                 p.kind,
-                p.reason == pairs.WATCHED,
+                p.reason in pairs.KEPT,
                 p.reason,
                 p.clearance,
+                p.baseline,
+                *p.seen,
             )
             for p in self.pairs
         ]
@@ -209,9 +211,32 @@ class Robot(Geometry):
         return pairs.watched(list(self.pairs))
 
     @cached_property
+    def baselines(self) -> np.ndarray:
+        """Baselines [m] of the watched pairs that overlap by design, (n_pairs,); else NaN."""
+        return pairs.baselines(self.pairs)
+
+    def slack(self, between: float | None = None) -> np.ndarray:
+        """What is added to the distances of watched pairs that overlap by design [m], (n_pairs,).
+
+        So counted, poses that keep the robot's margin, and ways between that keep `between`, come
+        no deeper than their baselines allow (s3le.robot.pairs). Zero for all other pairs.
+
+        Args:
+            between: clearance that is kept on the paths [m]; None: of poses.
+        """
+        free = (
+            self.margin + pairs.RESTING - self.baselines
+            if between is None
+            else between + pairs.DEEPER - self.baselines
+        )
+        own = self.margin + pairs.RESTING > self.baselines  # NaN: no
+        return np.where(own, free, 0.0)
+
+    @cached_property
     def chain(self) -> chain.Chain:
         """The robot as flat arrays for the kernels."""
-        return chain.build(self, self.watched, self.neck)
+        floor = np.nan_to_num(self.baselines - pairs.DEEPER)
+        return chain.build(self, self.watched, self.neck, self.slack(), floor)
 
     @cached_property
     def followed(self) -> np.ndarray | None:
@@ -260,17 +285,28 @@ class Robot(Geometry):
 
     def unwatched(self) -> list[tuple[str, str, str, str]]:
         """Pairs that could move but are not watched: both bodies, what they are, and why."""
+        return self._named(lambda pair: pair.reason not in pairs.SURE)
+
+    def by_design(self) -> list[tuple[str, str, str, str]]:
+        """Pairs that overlap by design and are held to a baseline, as `unwatched` has them."""
+        return self._named(lambda pair: pair.reason in (pairs.BASELINE, pairs.BOUNDED))
+
+    def _named(self, asked: Callable[[pairs.Pair], bool]) -> list[tuple[str, str, str, str]]:
         names = [origin(body.name) for body in self.bodies]
         found = [
-            (names[pair.a], names[pair.b], pair.kind, pair.reason)
+            (names[pair.a], names[pair.b], pair.kind, pairs.told(pair))
             for pair in self.pairs
-            if pair.reason not in (pairs.WATCHED, pairs.FIXED)
+            if asked(pair)
         ]
         return list(dict.fromkeys(found))
 
-    def certifier(self) -> Certifier:
-        """A fresh independent checker (one per thread)."""
-        return Certifier(self, self.watched)
+    def certifier(self, between: float | None = None) -> Certifier:
+        """A fresh independent checker (one per thread).
+
+        Args:
+            between: measure as on the paths that keep it [m] (see slack); None: as at poses.
+        """
+        return Certifier(self, self.watched, self.slack(between))
 
     def pair_name(self, row: int) -> str:
         """The two bodies of a watched pair."""

@@ -12,10 +12,10 @@ import numpy as np
 
 from s3le.errors import RobotError
 from s3le.robot import model
-from s3le.robot.pairs import FIXED, WATCHED
+from s3le.robot.pairs import BASELINE, BOUNDED, FIXED, KEPT, NEIGHBOURS, WATCHED
 from s3le.robot.robot import Robot
 
-NEIGHBOURS = "neighbours on both sides of a joint"  # only of pairs that ours alone cannot part
+DESIGNED = "overlap at the anchor, and given joints alone move them"
 OTHERS = "moved by given joints alone"  # and so looked at apart
 OURS = "looked at with the joints that are decided here"
 
@@ -55,8 +55,10 @@ def with_joints(robot: Robot, names: Sequence[str]) -> Robot:
         assert robot.bodies[old.a].name == made.bodies[pair.a].name
         assert robot.bodies[old.b].name == made.bodies[pair.b].name
         links = frozenset((made.bodies[pair.a].link, made.bodies[pair.b].link))
-        if pair.reason == WATCHED and old.reason == FIXED and links in near:
-            pair = pair._replace(reason=NEIGHBOURS)
+        if old.reason == FIXED and links in near and pair.reason in (WATCHED, BASELINE, BOUNDED):
+            pair = pair._replace(reason=NEIGHBOURS, baseline=np.nan)
+        elif old.reason == FIXED and pair.reason in (BASELINE, BOUNDED):
+            pair = pair._replace(reason=DESIGNED, baseline=np.nan)
         decided.append(pair)
     return replace(made, pairs=tuple(decided))
 
@@ -149,10 +151,10 @@ def whole_body(robot: Robot, given: Sequence[str]) -> WholeBody:
     ours, rest = [], []
     for pair in wider.pairs:
         parted = bool((paths[pair.a] ^ paths[pair.b]) & mine)
-        watched = pair.reason == WATCHED
+        watched = pair.reason in KEPT
         ours.append(pair._replace(reason=OTHERS) if watched and not parted else pair)
         rest.append(pair._replace(reason=OURS) if watched and parted else pair)
-    apart = any(pair.reason == WATCHED for pair in rest)
+    apart = any(pair.reason in KEPT for pair in rest)
     return WholeBody(
         base=robot,
         given=tuple(given),

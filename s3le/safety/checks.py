@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s3le.robot.certificate import Certifier
 from s3le.robot.robot import Robot
 from s3le.safety import curve
 from s3le.safety.curve import BEYOND
@@ -180,7 +179,6 @@ def poses(
 
 def paths(
     robot: Robot,
-    checker: Certifier,
     time: np.ndarray,
     q: np.ndarray,
     v: np.ndarray | None,
@@ -196,7 +194,7 @@ def paths(
         there = (1.0 - t) * q[hit] + t * q[hit + 1]
     else:
         there = sampled(time, q, v, hit, when[hit])[0]
-    seen = checker.check(there)
+    seen = robot.certifier(margin).check(there)
     value, pair = paths.bound.copy(), paths.pair.copy()
     value[hit], pair[hit] = seen.clearance, seen.pair
     unknown = paths.status == UNDECIDED

@@ -62,6 +62,8 @@ class Folded:
             body_b=np.empty((parts, 3)),
             body_radius=self._thin.copy(),
             pair=np.ascontiguousarray(pair),
+            slack=whole.slack,
+            floor=whole.floor,
         )
         self._pose = np.zeros(len(whole.parent))
         self._place(body.robot.anchor[given])

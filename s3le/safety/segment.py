@@ -18,6 +18,7 @@ and A are the sums over both of their speed and acceleration bounds as seen from
         gives a bound; taken is the mean of the normals at a and b.
         Source: ours; the parabola is the error of linear interpolation.
 
+Of a pair that overlaps by design, d counts from its floor (robot/pairs.py), with the same bounds.
 A pair that neither bound keeps at the margin is looked at again on both halves. Travel shrinks
 with h, the parabola with h^2, so that a step of 1/30 s hardly ever needs a half. Limits need no
 proof: they are a box, and the path between two poses in a box stays in it.
@@ -28,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.kernels.compiled import compiled
-from s3le.kernels.distance import clearance, nearest_on_segments, place_capsules
+from s3le.kernels.distance import nearest_on_segments, place_capsules
 from s3le.kernels.kinematics import place
 from s3le.robot.chain import Chain
 from s3le.safety import curve
@@ -153,7 +154,7 @@ def _proof(chain, swept, s, straight, margin, budget):
         left, right = s.slot[0], s.slot[top]
         low, hit = _sift(chain, swept, s, left, right, margin, low)
         if hit >= 0:
-            closest, pair = clearance(chain, s.ends[hit], swept.balls)[:2]
+            closest, pair = _closest(chain, s, hit, margin)
             return COLLIDES, np.nan, s.t[left], s.t[hit], pair, closest, used
         if s.count[right] == 0:  # go on where this part ends; its beginning is free for reuse
             s.slot[0], s.slot[top] = right, left
@@ -245,7 +246,7 @@ def _sift(chain, swept, s, left, right, margin, low):
         square = far * far
         if _square(L[a, 2], L[b, 2]) >= square and _square(R[a, 2], R[b, 2]) >= square:
             continue
-        radii = chain.body_radius[a] + chain.body_radius[b]
+        radii = _radii(chain, row, margin)
         left_gap = nearest_on_segments(L[a], L[b], s.witness[0])
         if left_gap - radii < margin:
             return low, left
@@ -268,6 +269,30 @@ def _sift(chain, swept, s, left, right, margin, low):
             kept += 1
     s.count[right] = kept
     return low, -1
+
+
+@compiled
+def _radii(chain, row, margin):
+    """What a pair's cores must be apart, less the margin [m].
+
+    One that overlaps by design keeps its floor on the way instead of the margin.
+    """
+    a, b = chain.pair[row, 0], chain.pair[row, 1]
+    radii = chain.body_radius[a] + chain.body_radius[b]
+    return radii if chain.slack[row] == 0.0 else radii + chain.floor[row] - margin
+
+
+@compiled
+def _closest(chain, s, slot, margin):
+    """Least clearance [m] at a slot's pose, as _sift counts it, and the row of its pair."""
+    least, which = np.inf, -1
+    for row in range(len(chain.pair)):
+        ends = s.ends[slot]
+        gap = nearest_on_segments(ends[chain.pair[row, 0]], ends[chain.pair[row, 1]], s.witness[0])
+        gap -= _radii(chain, row, margin)
+        if gap < least:
+            least, which = gap, row
+    return least, which
 
 
 @compiled

@@ -108,6 +108,7 @@ def certificate(body: WholeBody, wanted: Demands, report: Report) -> dict[str, A
     return audit.certificate(body.base, wanted, report) | {
         "given": list(body.given),
         "not_covered": not_covered(body),
+        "by_design": audit.by_design(body.robot),
         "covers": "watched pairs of the modelled capsules on straight joint paths, given joints as "
         "the motion has them; no floor, no dynamics, no tracking error",
     }
@@ -134,7 +135,7 @@ def _looked(
     poses = checker.check(q, progress)
     bound, at, hit = paths.bound.copy(), paths.pair.copy(), np.flatnonzero(paths.status == COLLIDES)
     share = paths.t[hit][:, None]
-    seen = checker.check((1.0 - share) * q[hit] + share * q[hit + 1])
+    seen = robot.certifier(wanted.margin_between).check((1.0 - share) * q[hit] + share * q[hit + 1])
     bound[hit], at[hit] = seen.clearance, seen.pair
     names = tuple(robot.pair_name(row) for row in range(len(robot.watched)))
     close = ~(poses.clearance >= margin)  # catches NaN

@@ -76,7 +76,8 @@ def between(
     row = np.flatnonzero(next_of)
     sound = (report.clearance >= robot.margin) & (report.limit_margin >= 0.0)  # NaN is not
     time = frames["time"]
-    free = paths.certify(robot, q, min(TOUCH, wanted.margin_between), time=time, v=v)
+    touch = min(TOUCH, wanted.margin_between)
+    free = paths.certify(robot, q, touch, time=time, v=v)
     kept = paths.certify(robot, q, wanted.margin_between, time=time, v=v)
     # What the proof calls a collision, coal must see too.
     hit = row[free.status[row] == COLLIDES]
@@ -84,7 +85,7 @@ def between(
     there = (1.0 - t) * q[hit] + t * q[hit + 1]
     if v is not None:
         there = paths.sampled(time, q, v, hit, time[hit] + t[:, 0] * (time[hit + 1] - time[hit]))[0]
-    seen = robot.certifier().check(there)
+    seen = robot.certifier(touch).check(there)
     collides = np.zeros(len(next_of), bool)
     collides[hit] = seen.clearance < 0.0
     step = np.abs(np.diff(q, axis=0))  # (n - 1, n_dof)

@@ -91,7 +91,7 @@ class RobotNodes:
         robot = shown.robot
         self.shown, self.place, self.note = shown, place, looks.note
         self._poser = Poser(robot)
-        self._near = Nearness(robot, shown.robot.watched)
+        self._near = Nearness(robot, robot.watched, robot.slack())
         scene = server.scene
         self.root = scene.add_frame(name, show_axes=False, position=place)
         self._frames = [
