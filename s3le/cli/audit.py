@@ -320,7 +320,8 @@ def _closing(
     by_reason: dict[str, list[str]] = {}
     further = [pair for body in bodies for pair in body.unwatched()]
     for a, b, _, reason in dict.fromkeys([*robot.unwatched(), *further]):
-        by_reason.setdefault(reason, []).append(f"{a} and {b}")
+        why, _, numbers = reason.partition(", ")
+        by_reason.setdefault(why, []).append(f"{a} and {b}" + (f": {numbers}" if numbers else ""))
     for reason, pairs in by_reason.items():
         lines.append(f"not covered, {len(pairs)} pairs ({reason}):")
         lines += [f"  {pair}" for pair in pairs]

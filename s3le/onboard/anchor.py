@@ -1,6 +1,6 @@
 """A pose that is feasible and hides as little as it can: the anchor of a robot file.
 
-Pairs that overlap at the anchor are not watched, so of many poses the one is taken at which the
+Pairs that overlap at the anchor are not kept apart, so of many poses the one is taken at which the
 fewest do. The T-pose and its neighbours are asked first: their arms are far from everything.
 """
 
