@@ -27,10 +27,11 @@ ARMS = {side: tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "hand")) 
 _KEYS = (
     "name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation",
     "srdf", "hulls", "velocity", "acceleration", "given", "stand",
+    "finer",
 )  # fmt: skip
 _OPTIONAL: dict[str, Any] = {
     "srdf": None, "hulls": None, "base_rpy": [0.0, 0.0, 0.0], "hold": {}, "velocity": {},
-    "acceleration": {}, "pair_inflation": 1.1, "given": [], "stand": None,
+    "acceleration": {}, "pair_inflation": 1.1, "given": [], "stand": None, "finer": [],
 }  # fmt: skip
 WIDEST = 100.0  # [rad] an angle beyond this is damage or another unit
 LARGEST = 64 * 2**20  # [bytes] of any file that a robot file names
@@ -69,6 +70,7 @@ class Description:
     pair_inflation: float  # [-]
     given: tuple[str, ...]  # joints that others move, in motions that say how; or ALL
     ranges: dict[str, tuple[float, float]]  # joints that others move in these ranges [rad], any way
+    finer: frozenset[frozenset[str]]  # pairs of links that are watched by their finer bodies
     files: dict[str, bytes] = field(repr=False)  # robot, urdf, srdf, hulls: as they were read
 
 
@@ -154,6 +156,7 @@ def read_description(path: Path, held: Mapping[str, bytes] | None = None) -> Des
         pair_inflation=_number(path, "pair_inflation", tree["pair_inflation"], 1.0, 10.0),
         given=_given(path, tree["given"], list(map(str, joints))),
         ranges=_ranges(path, tree["given"]),
+        finer=_finer(path, tree["finer"]),
         files={"robot": own}
         | {
             key: held[file.name] if held is not None else _bytes(file, LARGEST)
@@ -250,6 +253,18 @@ def _ranges(path: Path, value: Any) -> dict[str, tuple[float, float]]:
             raise RobotError(f"{path}: {key} must be [low, high], got {ends!r}")
         found[str(name)] = low, high
     return found
+
+
+def _finer(path: Path, value: Any) -> frozenset[frozenset[str]]:
+    """Pairs of links."""
+    pairs = value if isinstance(value, list) else [None]
+    for pair in pairs:
+        two = pair if isinstance(pair, list) else []
+        if not all(isinstance(name, str) for name in two) or len(two) != 2 or two[0] == two[1]:
+            raise RobotError(
+                f"{path}: finer must be pairs of links, [[LINK, LINK], ...], got {value!r}"
+            )
+    return frozenset(map(frozenset, pairs))
 
 
 def _accelerations(path: Path, value: Any, joints: list[str]) -> dict[str, float]:

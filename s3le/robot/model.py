@@ -37,6 +37,7 @@ class Body(NamedTuple):
     b: np.ndarray  # the other end [m]
     radius: float  # [m]
     shape: str  # what the URDF holds: capsule, sphere, box or cylinder
+    fine: bool = False  # one of those that stand for the link where the robot file asks for them
 
     @property
     def link(self) -> str:
@@ -146,7 +147,11 @@ def from_description(text: Description) -> Geometry:
         if wrong := [name for name in named if name not in text.joints]:
             raise RobotError(f"{text.source}: {key} names '{wrong[0]}', which does not move")
     points = {role: _point(model, place, role, where) for role, place in text.points.items()}
-    bodies = tuple(_body(model, item, where) for item in geometry.geometryObjects)
+    fine = urdf.finer(text, tree)
+    bodies = tuple(
+        body._replace(fine=ranges.origin(body.name) in fine)
+        for body in (_body(model, item, where) for item in geometry.geometryObjects)
+    )
     urdf.refuse_lost_geometry(where, tree, names)
     if not bodies:
         raise RobotError(
@@ -375,6 +380,8 @@ def _digest(robot: Geometry) -> str:
     for body in robot.bodies:
         parts += [body.name.encode(), str(body.joint).encode()]
         parts.append(np.concatenate([body.a, body.b, [body.radius]]).tobytes())
+        if body.fine:
+            parts.append(b"fine")
     for role, point in robot.points.items():
         parts += [role.encode(), str(point.joint).encode(), point.offset.tobytes()]
     parts += [robot.base_rotation.tobytes(), robot.anchor.tobytes()]
@@ -382,4 +389,6 @@ def _digest(robot: Geometry) -> str:
         parts.append(b"stand" + robot.stand.tobytes())
     parts.append(np.array([robot.pair_inflation]).tobytes())
     parts += [name.encode() for pair in sorted(map(sorted, robot.disabled)) for name in pair]
+    finer = sorted(map(sorted, robot.description.finer))
+    parts += [b"finer", *(name.encode() for pair in finer for name in pair)] if finer else []
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]

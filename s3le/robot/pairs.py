@@ -9,6 +9,9 @@ rule of the paper's authors; it needs no SRDF and works for any URDF). Of those 
   `stand`: nowhere more than DEEPER beyond it. Where no angles can bring them deeper that is proven
   once (robot/bounded.py); the rest are watched, their distance counted from the baseline.
 
+A link may have finer bodies beside its own, each kind containing all of it: where the robot file
+says so (`finer`), a pair of links is watched by these, otherwise by the others.
+
 Bodies that cannot move relative to each other are not watched either, nor are pairs of links that
 an SRDF takes off where the robot file names one. Every pair is listed with its reason.
 """
@@ -30,11 +33,12 @@ BASELINE = "watched against its baseline"
 BOUNDED = "overlap by design, proven never deeper than the baseline at any angles"
 FIXED = "cannot move relative to each other"
 NEIGHBOURS = "neighbours on both sides of a joint"
+OTHERWISE = "watched by other bodies of the same links"
 MEETING = "overlap at the anchor up to their cores"
 DISABLED = "disabled by the SRDF"  # and, in brackets, the reason that it gives
 KEPT = (WATCHED, BASELINE)  # that every pose and every path is held to
 BY_DESIGN = (BASELINE, BOUNDED, NEIGHBOURS, MEETING)  # overlap at the anchor, grown
-SURE = (*KEPT, BOUNDED, FIXED)  # of which nothing is left open
+SURE = (*KEPT, BOUNDED, FIXED, OTHERWISE)  # of which nothing is left open
 
 DEEPER = 0.001  # [m] beyond its baseline that a pair comes nowhere
 RESTING = 0.0005  # [m], the same for the poses of rows: what is left is for the paths between
@@ -93,6 +97,7 @@ def all_pairs(robot: Geometry) -> list[Pair]:
     at_anchor = placements(robot, robot.anchor)
     others = [placements(robot, pose) for pose in _standing(robot)]
     kinds = body_kinds(robot)
+    finer = {body.link for body in robot.bodies if body.fine}
     pairs = []
     for a in range(len(robot.bodies)):
         for b in range(a + 1, len(robot.bodies)):
@@ -103,6 +108,11 @@ def all_pairs(robot: Geometry) -> list[Pair]:
                 pair = pair._replace(reason=FIXED)
             elif why := robot.disabled.get(links):
                 pair = pair._replace(reason=f"{DISABLED} ({why})")
+            elif any(
+                body.fine != (body.link in finer and links in robot.description.finer)
+                for body in (robot.bodies[a], robot.bodies[b])
+            ):
+                pair = pair._replace(reason=OTHERWISE)
             elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0:
                 deepest = min(_distance(robot, at, a, b, 1.0) for at in (at_anchor, *others))
                 pair = _by_design(robot, pair, deepest)

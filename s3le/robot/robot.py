@@ -20,6 +20,7 @@ from s3le.robot.certificate import Certifier, point_positions
 from s3le.robot.description import read_description
 from s3le.robot.known import MARGIN, NECK
 from s3le.robot.model import Geometry
+from s3le.robot.pairs import Pair
 from s3le.robot.ranges import origin
 from s3le.robot.table import ROBOT_PAIRS
 from s3le.skeleton import (
@@ -291,7 +292,7 @@ class Robot(Geometry):
         """Pairs that overlap by design and are held to a baseline, as `unwatched` has them."""
         return self._named(lambda pair: pair.reason in (pairs.BASELINE, pairs.BOUNDED))
 
-    def _named(self, asked: Callable[[pairs.Pair], bool]) -> list[tuple[str, str, str, str]]:
+    def _named(self, asked: Callable[[Pair], bool]) -> list[tuple[str, str, str, str]]:
         names = [origin(body.name) for body in self.bodies]
         found = [
             (names[pair.a], names[pair.b], pair.kind, pairs.told(pair))

@@ -18,6 +18,7 @@ from s3le.robot import markup
 from s3le.robot.description import Description
 
 LARGEST = 4 * 2**20  # [bytes] of a URDF; large ones have half a million
+FINE = "fine"  # name of a <collision> that stands for its link in some pairs only
 ALIKE = 0.7  # of two names, above which one is taken for a slip of the other
 # Element -> those in it that matter here, and further ones that may be there.
 _ELEMENTS = {
@@ -72,6 +73,33 @@ def elements(path: Path, data: bytes | None = None) -> ElementTree.Element:
                 if wanted and name not in wanted:
                     _refuse_slip(path, f"{name} of <{item.tag}> in {_named(parent)}", name, wanted)
     return root
+
+
+def finer(text: Description, tree: ElementTree.Element) -> set[str]:
+    """Names of the bodies that are finer: those whose <collision> is called `fine`.
+
+    Raises:
+        RobotError: a link has finer bodies alone, or the robot file asks for some that are not.
+    """
+    found, links = set(), set()
+    for link in tree.findall("link"):
+        name, marked = (
+            link.get("name", ""),
+            [item.get("name") == FINE for item in link.findall("collision")],
+        )
+        if any(marked) and all(marked):
+            raise RobotError(
+                f"{text.urdf}: link '{name}' has bodies that are `{FINE}` and no other"
+            )
+        found |= {f"{name}_{k}" for k, fine in enumerate(marked) if fine}
+        links |= {name} if any(marked) else set()
+    for pair in text.finer:
+        if not pair & links:
+            raise RobotError(
+                f"{text.source}: finer names {' and '.join(sorted(pair))}, of which neither has a "
+                f'<collision name="{FINE}">'
+            )
+    return found
 
 
 def _named(item: ElementTree.Element) -> str:
