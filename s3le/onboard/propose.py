@@ -237,7 +237,7 @@ class _Plan:
             "# Limits [rad/s] that stand for the URDF's.",
             f"velocity: {_flow(self.velocity)}",
             "",
-            "# Bodies that overlap at the anchor, grown by this, are neighbours, or do so by design.",
+            "# Bodies that overlap at the anchor, grown by this, are neighbours or do by design.",
             "pair_inflation: 1.1",
         ]
         return "\n".join(lines) + "\n"
