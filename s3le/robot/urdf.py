@@ -81,12 +81,11 @@ def finer(text: Description, tree: ElementTree.Element) -> set[str]:
     Raises:
         RobotError: a link has finer bodies alone, or the robot file asks for some that are not.
     """
-    found, links = set(), set()
+    found, links, every = set(), set(), set()
     for link in tree.findall("link"):
-        name, marked = (
-            link.get("name", ""),
-            [item.get("name") == FINE for item in link.findall("collision")],
-        )
+        name = link.get("name", "")
+        every.add(name)
+        marked = [item.get("name") == FINE for item in link.findall("collision")]
         if any(marked) and all(marked):
             raise RobotError(
                 f"{text.urdf}: link '{name}' has bodies that are `{FINE}` and no other"
@@ -94,6 +93,10 @@ def finer(text: Description, tree: ElementTree.Element) -> set[str]:
         found |= {f"{name}_{k}" for k, fine in enumerate(marked) if fine}
         links |= {name} if any(marked) else set()
     for pair in text.finer:
+        for name in sorted(pair - every):
+            raise RobotError(
+                f"{text.source}: finer names '{name}', which is no link of {text.urdf.name}"
+            )
         if not pair & links:
             raise RobotError(
                 f"{text.source}: finer names {' and '.join(sorted(pair))}, of which neither has a "
