@@ -374,6 +374,10 @@ def _up(raw: np.ndarray, axes: list[np.ndarray]) -> np.ndarray:
         return np.eye(3)[2]
     raw = raw / np.linalg.norm(raw)
     # Hips lie ahead of or behind shoulders; the base frame's or some joint's axis is upright.
+    # Joints may be tilted, hips by 45 degrees, so the base's own axis goes before where it is near.
+    near = _nearest_axis(raw, list(np.eye(3)), np.cos(np.radians(20)))
+    if near is not raw:
+        return near
     return _nearest_axis(raw, [*np.eye(3), *axes], np.cos(np.radians(35)))
 
 
