@@ -28,7 +28,7 @@ class Verdict(NamedTuple):
     """What was found of a motion, one entry a pair."""
 
     least: np.ndarray  # [m] signed, at least FAR where nothing was nearer
-    deeper: np.ndarray  # int, poses at which the pair overlaps by more than SAME beyond its baseline
+    deeper: np.ndarray  # int, poses at which it overlaps SAME deeper than its baseline
 
 
 class Hulls:
@@ -51,8 +51,9 @@ class Hulls:
         self.corners = list(corners.values())
         middles = [(c.min(axis=0) + c.max(axis=0)) / 2 for c in self.corners]
         self.radius = np.array(
-            [np.linalg.norm(c - m, axis=1).max() for c, m in zip(self.corners, middles, strict=True)]
-        )
+            [np.linalg.norm(c - m, axis=1).max()
+             for c, m in zip(self.corners, middles, strict=True)]
+        )  # fmt: skip
         self.middle = np.array(middles)  # in the links' frames, (k, 3)
         solid = set(self.joint.tolist())
         paths = {int(j): _path(model, int(j)) for j in solid}
@@ -158,7 +159,7 @@ class Mujoco:
 
 
 def baseline(engine: Coal | Mujoco) -> np.ndarray:
-    """How deep each pair overlaps at the anchor, the stand pose and zero: its least distance [m]."""
+    """How deep each pair overlaps at anchor, stand pose and zero: its least distance [m]."""
     robot = engine.hulls.robot
     zero = np.clip(np.zeros(robot.n_dof), robot.lower, robot.upper)
     poses = [robot.anchor, zero, *([] if robot.stand is None else [robot.stand])]

@@ -2,10 +2,11 @@
 
     python benchmarks/robots/make.py SOURCES [--only g1,h1] [--pictures FOLDER] [--list]
 
-SOURCES has a folder for each source of recipes.yaml; what is missing is named with the command that
-gets it. Into s3le/robots go NAME.yaml, urdf/NAME.urdf and what stands in origin.json: maker, source,
-licence, SHA-256 of what was read. Then listed.json is written, which `s3le robot list` reads. Robots
-that were written by hand (COMAN) are left as they are. Look at the pictures before you commit.
+SOURCES has a folder for each source of recipes.yaml; what is missing is named with the command
+that gets it. Into s3le/robots go NAME.yaml, urdf/NAME.urdf, and in origin.json maker, source,
+licence and SHA-256 of what was read. Then listed.json is written, which `s3le robot list` reads.
+Robots that were written by hand (COMAN) are left as they are. Look at the pictures before you
+commit.
 """
 
 import json
@@ -103,8 +104,8 @@ def _heading(recipe: Recipe) -> str:
     """What a robot file says of where it is from."""
     return (
         f"# {recipe.maker}: {_below(recipe)} of {described(recipe.source)} ({recipe.licence}),\n"
-        "# as `s3le robot new` proposes it; benchmarks/robots/make.py makes it anew. Kinematics are\n"
-        "# the maker's, bodies are made around its geometry.\n"
+        "# as `s3le robot new` proposes it; benchmarks/robots/make.py makes it anew. Kinematics\n"
+        "# are the maker's, bodies are made around its geometry.\n"
     )
 
 

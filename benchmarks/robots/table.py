@@ -2,13 +2,13 @@
 
     python benchmarks/robots/table.py SOURCES [--only g1,h1] [--samples 3] [--jobs 2]
 
-Six dances of CMU (--clips) are followed at 30 Hz within each robot's limits in time, as a stream and
-planned as a whole, with poses made for it (nothing is trained). Then the convex hulls of what its
-maker drew, taken from SOURCES (see make.py), are measured by coal and by MuJoCo at every row and at
---samples poses between any two, over every pair of links but neighbours, watched or not; neither
-knows of capsules (hulls.py). The table is Markdown; nothing is asserted. What is done stands below
---state and is not done again while the robot, the code and the settings are the same. Times are
-taken first and one after another; judged is in --jobs processes.
+Six dances of CMU (--clips) are followed at 30 Hz within each robot's limits in time, as a stream
+and planned as a whole, with poses made for it (nothing is trained). Then the convex hulls of what
+its maker drew, taken from SOURCES (see make.py), are measured by coal and by MuJoCo at every row
+and at --samples poses between any two, over every pair of links but neighbours, watched or not;
+neither knows of capsules (hulls.py). The table is Markdown; nothing is asserted. What is done
+stands below --state and is not done again while the robot, the code and the settings are the same.
+Times are taken first and one after another; judged is in --jobs processes.
 """
 
 import hashlib
@@ -43,7 +43,7 @@ HEAD = (
 def main(
     folder: Annotated[Path, typer.Argument(metavar="SOURCES", help="folder of sources")],
     only: Annotated[str, typer.Option(help="these robots alone, with commas")] = "",
-    clips: Annotated[Path, typer.Option(help="folder of CMU's clips")] = Path("../shared/mocap/cmu"),
+    clips: Annotated[Path, typer.Option(help="folder of CMU")] = Path("../shared/mocap/cmu"),
     names: Annotated[str, typer.Option(help="clips, with commas")] = ",".join(CLIPS),
     samples: Annotated[int, typer.Option(min=0, help="poses between two rows")] = 3,
     jobs: Annotated[int, typer.Option(min=1, help="processes that judge")] = 2,
@@ -85,8 +85,7 @@ def move(name: str, files: list[Path], state: Path) -> None:
     follow.follow(it, found[0].x[:30], found[0].time[:30], fps=RATE, look_ahead=False)
     for way in WAYS:
         made = [
-            follow.follow(it, one.x, one.time, fps=RATE, look_ahead=way == "file")
-            for one in found
+            follow.follow(it, one.x, one.time, fps=RATE, look_ahead=way == "file") for one in found
         ]
         for i, one in enumerate(made):
             arrays |= {f"{way}/{i}/{k}": getattr(one, k) for k in ("time", "q", "v")}

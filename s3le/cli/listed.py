@@ -53,7 +53,8 @@ def about(robot: "Robot") -> dict[str, Any]:
 def fingerprint(file: Path) -> str:
     """SHA-256 of a robot file of the package and of the files that can belong to it."""
     whole = hashlib.sha256()
-    for path in (file, *(file.parent / "urdf" / f"{file.stem}.{kind}" for kind in ("urdf", "srdf"))):
+    beside = (file.parent / "urdf" / f"{file.stem}.{kind}" for kind in ("urdf", "srdf"))
+    for path in (file, *beside):
         whole.update(path.name.encode() + (path.read_bytes() if path.is_file() else b""))
     return whole.hexdigest()
 
