@@ -25,13 +25,13 @@ class Recipe(NamedTuple):
 
     name: str
     file: str  # the maker's URDF or MJCF, below the folder of sources
-    packages: tuple[str, ...]  # folders below it in which packages are looked for
-    options: tuple[str, ...]  # of s3le robot new
-    add: dict[str, str]  # file below the sources -> where its copy belongs, see recipes.yaml
-    maker: str
-    source: str  # its key in `sources`
-    licence: str  # SPDX
-    made: bool  # False: its files are written by hand, and only judged
+    packages: tuple[str, ...] = ()  # folders below it in which packages are looked for
+    options: tuple[str, ...] = ()  # of s3le robot new
+    add: tuple[tuple[str, str], ...] = ()  # files below the sources, and where copies belong
+    maker: str = ""
+    source: str = ""  # its key in `sources`
+    licence: str = ""  # SPDX
+    made: bool = True  # False: its files are written by hand, and only judged
 
 
 def recipes(only: list[str] | None = None) -> list[Recipe]:
@@ -52,7 +52,7 @@ def recipes(only: list[str] | None = None) -> list[Recipe]:
         found.append(
             Recipe(
                 name, row["file"], tuple(row.get("packages", ())),
-                tuple(map(str, row.get("options", ()))), dict(row.get("add", {})),
+                tuple(map(str, row.get("options", ()))), tuple(row.get("add", {}).items()),
                 row["maker"], row["source"], row.get("licence", made["licence"]),
                 bool(row.get("made", True)),
             )
@@ -83,11 +83,11 @@ def located(recipe: Recipe, folder: Path) -> Path:
     Raises:
         RobotError: it or one of them is not there; says how to get it.
     """
-    for wanted in (recipe.file, *recipe.add):
+    for wanted in (recipe.file, *(origin for origin, _ in recipe.add)):
         if not (folder / wanted).is_file():
             source = wanted.split("/")[0]
             raise RobotError(f"{folder / wanted} is not there; {how(source)} as {folder / source}")
-    for origin, target in recipe.add.items():
+    for origin, target in recipe.add:
         if not (folder / target).is_file():
             (folder / target).write_bytes((folder / origin).read_bytes())
     return folder / recipe.file

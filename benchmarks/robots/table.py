@@ -35,8 +35,9 @@ CLIPS = ("49_09", "49_10", "131_04", "05_02", "05_09", "05_18")
 WAYS = ("stream", "file")
 HEAD = (
     "| robot | joints, vectors | bodies, pairs | frame, median and p99 [us] | to the human, wanted "
-    "| stream | file | hulls, pairs | overlap as drawn | deeper, coal | deeper, MuJoCo |",
-    "|---|---|---|---|---:|---:|---:|---:|---|---:|---:|",
+    "| stream | file | hulls, pairs, poses | overlap as drawn | deeper or met, coal | by MuJoCo "
+    "| of them watched |",
+    "|---|---|---|---|---:|---:|---:|---|---|---|---|---|",
 )
 
 
@@ -137,6 +138,12 @@ def judged(name: str, folder: Path, samples: int, state: Path) -> dict[str, Any]
     apart = np.abs(found["coal"].least - found["mujoco"].least)
     row["differ"] = float(np.where(np.minimum(*(v.least for v in found.values())) > -SHALLOW,
                                    apart, 0.0).max(initial=0.0))  # fmt: skip
+    bare_links = {frozenset(body.rpartition("_")[0] for body in pair[:2])
+                  for pair in robot.unwatched()}  # fmt: skip
+    row["watched"] = sorted(
+        {" and ".join(made.links(k)) for v in found.values() for k in np.flatnonzero(v.deeper)
+         if frozenset(made.links(k)) not in bare_links}
+    )  # fmt: skip
     documents.write_json(row, file)
     return row
 
@@ -161,10 +168,12 @@ def line(row: dict[str, Any]) -> str:
         f"{row['stream_far']:.4f}", f"{row['file_far']:.4f}",
     ]  # fmt: skip
     if "unjudged" in row:
-        words += [f"not judged: {row['unjudged']}", "", "", ""]
+        words += [f"not judged: {row['unjudged']}", "", "", "", ""]
     else:
-        words += [f"{row['hulls']}, {row['hull_pairs']:,}", _told(row["coal"]["drawn"])]
+        words += [f"{row['hulls']}, {row['hull_pairs']:,}, {row['poses']:,}"]
+        words += [_told(row["coal"]["drawn"])]
         words += [_told(row[name]["deeper"]) for name in ("coal", "mujoco")]
+        words += [", ".join(row["watched"]) or "none"]
     return "| " + " | ".join(words) + " |"
 
 
