@@ -138,14 +138,10 @@ def test_no_hull_meets_another_in_a_certified_motion_by_coal_and_by_mujoco(rooms
     q, v = wild(drawn.robot)
     poses = rooms.hulls.between(q, v, np.full(STEPS, 1.0 / 30.0), 3)
     assert len(poses) == 4 * STEPS + 1 and np.abs(np.diff(poses, axis=0)).max() < 0.3
-    unwatched = {
-        frozenset(body.rpartition("_")[0] for body in pair[:2]) for pair in drawn.robot.unwatched()
-    }
     least = []
     for engine in (rooms.hulls.Coal(drawn), rooms.hulls.Mujoco(drawn)):
         verdict = rooms.hulls.judge(engine, poses)
-        deep = {frozenset(drawn.links(row)) for row in np.flatnonzero(verdict.deeper)}
-        assert deep <= unwatched  # what is watched is apart; what is not may meet, and is told
+        assert rooms.hulls.claimed(drawn, np.flatnonzero(verdict.deeper)) == []
         least.append(verdict.least)
     clear = np.minimum(*least) > -rooms.hulls.AGREE
     assert np.abs(least[0] - least[1])[clear].max() < rooms.hulls.AGREE
@@ -158,6 +154,7 @@ def test_both_engines_see_an_arm_that_is_put_into_the_body(rooms, drawn):
     found = [rooms.hulls.judge(engine, q).deeper > 0
              for engine in (rooms.hulls.Coal(drawn), rooms.hulls.Mujoco(drawn))]  # fmt: skip
     assert found[0].any()
+    assert rooms.hulls.claimed(drawn, np.flatnonzero(found[0]))
     assert (found[0] == found[1]).all()
 
 

@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.robot.robot import Robot
+from s3le.safety import covered
 
 FAR = 0.02  # [m], what is farther apart is not measured more exactly
 SAME = 1e-3  # [m] that a pair may overlap deeper than where it stands
@@ -181,6 +182,22 @@ def judge(engine: Coal | Mujoco, q: np.ndarray) -> Verdict:
         least[rows] = np.minimum(least[rows], apart)
         deeper[rows] += ~((apart >= 0.0) | (apart >= allowed[rows]))
     return Verdict(least, deeper)
+
+
+def claimed(hulls: Hulls, rows: np.ndarray) -> list[str]:
+    """Which of these pairs a certificate speaks of: watched, and of links that bodies cover."""
+    robot = hulls.robot
+    bare = {frozenset(body.rpartition("_")[0] for body in pair[:2]) for pair in robot.unwatched()}
+    record = covered.read(robot)
+    beyond = {item.link for item in record.beyond} if record else set()
+    pairs = [hulls.links(int(row)) for row in rows]
+    return sorted(
+        {
+            " and ".join(pair)
+            for pair in pairs
+            if frozenset(pair) not in bare and not beyond & {*pair}
+        }
+    )
 
 
 def between(q: np.ndarray, v: np.ndarray, dt: np.ndarray, count: int) -> np.ndarray:

@@ -36,7 +36,7 @@ WAYS = ("stream", "file")
 HEAD = (
     "| robot | joints, vectors | bodies, pairs | frame, median and p99 [us] | to the human, wanted "
     "| stream | file | hulls, pairs, poses | overlap as drawn | deeper or met, coal | by MuJoCo "
-    "| of them watched |",
+    "| of them certified |",
     "|---|---|---|---|---:|---:|---:|---|---|---|---|---|",
 )
 
@@ -138,12 +138,8 @@ def judged(name: str, folder: Path, samples: int, state: Path) -> dict[str, Any]
     apart = np.abs(found["coal"].least - found["mujoco"].least)
     row["differ"] = float(np.where(np.minimum(*(v.least for v in found.values())) > -SHALLOW,
                                    apart, 0.0).max(initial=0.0))  # fmt: skip
-    bare_links = {frozenset(body.rpartition("_")[0] for body in pair[:2])
-                  for pair in robot.unwatched()}  # fmt: skip
-    row["watched"] = sorted(
-        {" and ".join(made.links(k)) for v in found.values() for k in np.flatnonzero(v.deeper)
-         if frozenset(made.links(k)) not in bare_links}
-    )  # fmt: skip
+    met = np.flatnonzero(sum(verdict.deeper for verdict in found.values()))
+    row["claimed"] = hulls.claimed(made, met)
     documents.write_json(row, file)
     return row
 
@@ -173,7 +169,7 @@ def line(row: dict[str, Any]) -> str:
         words += [f"{row['hulls']}, {row['hull_pairs']:,}, {row['poses']:,}"]
         words += [_told(row["coal"]["drawn"])]
         words += [_told(row[name]["deeper"]) for name in ("coal", "mujoco")]
-        words += [", ".join(row["watched"]) or "none"]
+        words += [", ".join(row["claimed"]) or "none"]
     return "| " + " | ".join(words) + " |"
 
 
