@@ -78,6 +78,7 @@ def make(recipe: Recipe, folder: Path, pictures: Path | None) -> str:
             pictures.mkdir(parents=True, exist_ok=True)
             (pictures / f"{name}.png").write_bytes((out / f"{name}.png").read_bytes())
     origins = json.loads((READY / ORIGIN).read_text(encoding="utf-8"))
+    origins = {old: row for old, row in origins.items() if (READY / f"{old}.yaml").is_file()}
     origins[name] = {
         "maker": recipe.maker, "source": f"{described(recipe.source)}, {_below(recipe)}",
         "licence": recipe.licence, "sha256": checksum(recipe, folder),
