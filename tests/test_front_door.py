@@ -151,7 +151,9 @@ def test_the_list_of_robots_says_what_is_not_covered(place):
     assert heads.split()[:5] == ["robot", "joints", "bones", "bodies", "watched"]
     told = {row.split()[0]: row.split() for row in rows if row and row[0] != " "}
     assert told["coman"][1:6] == ["11", "7", "32", "378", "20"]
-    assert "Unitree Robotics" in said.output and told["mine"][1] == "4" and told["mine"][-1] == "you"
+    assert (
+        "Unitree Robotics" in said.output and told["mine"][1] == "4" and told["mine"][-1] == "you"
+    )
     told = {row["name"]: row for row in json.loads(run("robot", "list", "--json").output)}
     assert any("LShy_0 and LElb_0" in pair for pair in told["coman"]["not_covered"])
     assert len(told["coman"]["not_covered"]) == 20

@@ -77,8 +77,9 @@ def test_the_list_is_read_and_not_worked_out_and_a_changed_file_is(monkeypatch, 
 
 
 def test_the_table_names_makers_licences_and_what_no_certificate_speaks_of(record):
-    said = CliRunner().invoke(app, ["robot", "list"])
-    assert said.exit_code == shell.OK, said.output
+    short, said = (CliRunner().invoke(app, ["robot", "list", *more]) for more in ([], ["--pairs"]))
+    assert short.exit_code == said.exit_code == shell.OK, said.output
+    assert len(short.output.splitlines()) == len(ready()) + 5 and "LShy" not in short.output
     lines = said.output.splitlines()
     for name in ready():
         (row,) = [line for line in lines if line.startswith(f"{name} ")]

@@ -68,8 +68,8 @@ def _recorded(file: Path, held: dict[str, Any] | None) -> dict[str, Any]:
     return about(shell.robot(str(file)))
 
 
-def lines(told: list[dict[str, Any]]) -> list[str]:
-    """A table, then of each robot what is not covered, then those that cannot be used."""
+def lines(told: list[dict[str, Any]], by_name: bool) -> list[str]:
+    """A table, with by_name what is not covered of each robot, then those that cannot be used."""
     good = [row for row in told if "unusable" not in row]
     cells = [_HEADS, *(_cells(row) for row in good)]
     wide = [max(len(row[k]) for row in cells) for k in range(len(_HEADS))]
@@ -79,9 +79,9 @@ def lines(told: list[dict[str, Any]]) -> list[str]:
                   for k, (word, n) in enumerate(zip(row, wide, strict=True))).rstrip()
         for row in cells
     ]  # fmt: skip
-    out += ["", "not covered, so no certificate speaks of it: pairs of links whose bodies are not"
-            " watched, and links that are drawn beyond their bodies"]  # fmt: skip
-    for row in good:
+    out += ["", "not covered, so no certificate speaks of them: pairs of bodies that could meet and are",
+            "not watched, and links that are drawn beyond their bodies"]  # fmt: skip
+    for row in good if by_name else ():
         parts = _bare(row) or ["nothing"]
         out += textwrap.wrap(
             f"{row['name']}: {'; '.join(parts)}", _WIDTH, initial_indent="  ",
@@ -89,7 +89,8 @@ def lines(told: list[dict[str, Any]]) -> list[str]:
         )  # fmt: skip
     out += [f"{row['name']}: cannot be used: {row['unusable']}"
             for row in told if "unusable" in row]  # fmt: skip
-    return [*out, "", "s3le robot check NAME says all there is to know of one"]
+    more = "" if by_name else "s3le robot list --pairs names them; "
+    return [*out, f"{more}s3le robot check NAME says all there is to know of one"]
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:
@@ -97,9 +98,15 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     counts = (row["joints"], row["bones"])
     return (
         row["name"], *(str(len(each)) for each in counts), str(row["bodies"]),
-        str(row["pairs_watched"]), str(len(row["not_covered"])),
+        str(row["pairs_watched"]), _count(row),
         made["maker"] if made else "you", made["licence"] if made else "",
     )  # fmt: skip
+
+
+def _count(row: dict[str, Any]) -> str:
+    links = row["not_covered_links"]
+    beyond = "links unknown" if links is None else f"{len(links)} links" if links else ""
+    return f"{len(row['not_covered'])} pairs" + (f", {beyond}" if beyond else "")
 
 
 def _bare(row: dict[str, Any]) -> list[str]:

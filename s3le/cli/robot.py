@@ -122,16 +122,20 @@ def new(
 
 @app.command("list", short_help="The robots that are known here.")
 def robots(
+    by_name: Annotated[
+        bool, typer.Option("--pairs", help="Name what is not covered of each.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """List the robots that come with S3LE and those in data/robots: what each is and who made it.
 
     For each: joints that move, bones that are followed, bodies, pairs of bodies that are watched,
-    pairs that could meet but are not watched, who made it, under which licence; then what is not
-    covered by name, for no certificate speaks of it.
+    what no certificate speaks of (pairs that could meet but are not watched, links that are drawn
+    beyond their bodies), who made it, under which licence.
 
     \b
     s3le robot list
+    s3le robot list --pairs
     s3le robot list --json
 
     Exit status: 0, or 1 if one of them cannot be used.
@@ -139,7 +143,7 @@ def robots(
     from s3le.cli import listed
 
     told = listed.rows()
-    typer.echo(json.dumps(told, indent=2) if as_json else "\n".join(listed.lines(told)))
+    typer.echo(json.dumps(told, indent=2) if as_json else "\n".join(listed.lines(told, by_name)))
     raise typer.Exit(shell.BROKEN if any("unusable" in row for row in told) else shell.OK)
 
 
