@@ -70,10 +70,10 @@ def test_the_list_is_read_and_not_worked_out_and_a_changed_file_is(monkeypatch, 
     monkeypatch.setattr(known, "READY", tmp_path)
     (tmp_path / "g1.yaml").unlink()
     text = (ROOT / "s3le/robots/g1.yaml").read_text(encoding="utf-8")
-    (tmp_path / "g1.yaml").write_text(text.replace("pair_inflation: 1.1", "pair_inflation: 1.0"))
+    (tmp_path / "g1.yaml").write_text(text.replace("joints: [waist_yaw_joint, ", "joints: ["))
     (row,) = listed.rows()
     assert asked == [str(tmp_path / "g1.yaml")]
-    assert row["pairs_watched"] > record["g1"]["pairs_watched"]
+    assert len(row["joints"]) == len(record["g1"]["joints"]) - 1
 
 
 def test_the_table_names_makers_licences_and_what_no_certificate_speaks_of(record):

@@ -79,8 +79,10 @@ def lines(told: list[dict[str, Any]], by_name: bool) -> list[str]:
                   for k, (word, n) in enumerate(zip(row, wide, strict=True))).rstrip()
         for row in cells
     ]  # fmt: skip
-    out += ["", "not covered, so no certificate speaks of them: pairs of bodies that could meet and are",
-            "not watched, and links that are drawn beyond their bodies"]  # fmt: skip
+    out += [
+        "", "not covered, so no certificate speaks of them: pairs of bodies that could meet and are",
+        "not watched, and links that are drawn beyond their bodies",
+    ]  # fmt: skip
     for row in good if by_name else ():
         parts = _bare(row) or ["nothing"]
         out += textwrap.wrap(
