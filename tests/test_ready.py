@@ -164,3 +164,14 @@ def test_poses_between_rows_lie_on_the_parabola(rooms):
     v = np.array([[0.0], [1.0], [2.0]])  # half a unit of acceleration and time each way
     at = rooms.hulls.between(q, v, np.array([1.0, 1.0]), 1)
     assert at[:, 0] == pytest.approx([0.0, 0.125, 0.5, 1.125, 2.0])
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_what_robot_new_is_sure_of_is_what_a_person_read(rooms, name):
+    urdf = urdf_of(DRAWN[name])
+    read = rooms.proposals.readings()[name]
+    assert urdf.name == Path(read["file"]).name
+    found, _ = rooms.proposals.verdicts(urdf, read)
+    assert found == [rooms.proposals.RIGHT] * len(rooms.proposals.PARTS)
+    wrong, _ = rooms.proposals.verdicts(urdf, read | {"waist": [], "asks": ["hip"]})
+    assert rooms.proposals.WRONG in wrong[0] and rooms.proposals.WRONG in wrong[4]

@@ -30,7 +30,7 @@ def main(
     only: Annotated[str, typer.Option(help="these robots alone, with commas")] = "",
 ) -> None:
     """Print the table."""
-    tree = yaml.mapping(READ, "robots", RobotError, yaml.LARGEST, None)[0]
+    tree = readings()
     print("| robot | " + " | ".join(PARTS) + " | asks about |\n|---|" + "---|" * (len(PARTS) + 1))
     wrong = []
     for name, read in tree.items():
@@ -42,6 +42,11 @@ def main(
             wrong.append(name)
     if wrong:
         sys.exit(f"sure and wrong: {', '.join(wrong)}")
+
+
+def readings() -> dict[str, Any]:
+    """What a person read, by robot."""
+    return yaml.mapping(READ, "robots", RobotError, yaml.LARGEST, None)[0]
 
 
 def verdicts(file: Path, read: dict[str, Any]) -> tuple[list[str], str]:

@@ -80,8 +80,8 @@ def lines(told: list[dict[str, Any]], by_name: bool) -> list[str]:
         for row in cells
     ]  # fmt: skip
     out += [
-        "", "not covered, so no certificate speaks of them: pairs of bodies that could meet and are",
-        "not watched, and links that are drawn beyond their bodies",
+        "", "not covered, so no certificate speaks of them: pairs of bodies that could meet and",
+        "are not watched, and links that are drawn beyond their bodies",
     ]  # fmt: skip
     for row in good if by_name else ():
         parts = _bare(row) or ["nothing"]
