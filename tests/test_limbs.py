@@ -37,6 +37,29 @@ def test_a_base_far_below_the_shoulders_is_no_hip_and_is_asked_about(tmp_path):
     assert near.points["hip"] == "base" and not asked(near, "hip")
 
 
+def on_the_ground(height: float) -> str:
+    """Base on the ground, pelvis and hips above it; both hang on the base."""
+    text = figure(waist=())
+    there = joint("base_joint", "base", "pelvis", kind="fixed")
+    assert there in text
+    text = text.replace(there, there.replace("0 0 0", f"0 0 {height}", 1))
+    for side, y in (("left", 0.08), ("right", -0.08)):
+        name = f"{side}_hip_pitch"
+        there = joint(name, "pelvis", f"{name}_link", f"0 {y} -0.05")
+        assert there in text
+        here = joint(name, "base", f"{name}_link", f"0 {y} {height - 0.05}")
+        text = text.replace(there, here)
+    return text
+
+
+def test_a_base_on_the_ground_is_no_hip_where_the_legs_are_is_and_is_asked_about(tmp_path):
+    it = found(tmp_path, on_the_ground(0.8))
+    assert it.points["hip"] == {"frame": "base", "offset": pytest.approx([0, 0, 0.75])}
+    assert "midway between the legs, for 'base' is 1120 mm below" in asked(it, "hip")
+    near = found(tmp_path / "near", on_the_ground(0.1))
+    assert near.points["hip"] == "base" and not asked(near, "hip")
+
+
 def leaning(ahead: float) -> str:
     text = figure(waist=())
     there = joint("torso_joint", "pelvis", "torso", "0 0 0.1", kind="fixed")
