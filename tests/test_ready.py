@@ -171,7 +171,8 @@ def test_what_robot_new_is_sure_of_is_what_a_person_read(rooms, name):
     urdf = urdf_of(DRAWN[name])
     read = rooms.proposals.readings()[name]
     assert urdf.name == Path(read["file"]).name
-    found, _ = rooms.proposals.verdicts(urdf, read)
+    found, _ = rooms.proposals.verdicts(urdf, read, urdf.parent)
     assert found == [rooms.proposals.RIGHT] * len(rooms.proposals.PARTS)
-    wrong, _ = rooms.proposals.verdicts(urdf, read | {"waist": [], "asks": ["hip"]})
+    other = read | {"waist": [], "asks": ["hip"]}
+    wrong, _ = rooms.proposals.verdicts(urdf, other, urdf.parent)
     assert rooms.proposals.WRONG in wrong[0] and rooms.proposals.WRONG in wrong[4]

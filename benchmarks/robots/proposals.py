@@ -36,7 +36,7 @@ def main(
     for name, read in tree.items():
         if (only and name not in only.split(",")) or not (folder / read["file"]).is_file():
             continue
-        found, asks = verdicts(folder / read["file"], read)
+        found, asks = verdicts(folder / read["file"], read, folder)
         print(f"| {name} | {' | '.join(found)} | {asks} |", flush=True)
         if WRONG in " ".join(found):
             wrong.append(name)
@@ -49,9 +49,9 @@ def readings() -> dict[str, Any]:
     return yaml.mapping(READ, "robots", RobotError, yaml.LARGEST, None)[0]
 
 
-def verdicts(file: Path, read: dict[str, Any]) -> tuple[list[str], str]:
-    """Of each part whether it is right, and what is asked about."""
-    packages = [file.parent, *file.resolve().parents[:6]]
+def verdicts(file: Path, read: dict[str, Any], folder: Path) -> tuple[list[str], str]:
+    """Of each part whether it is right, and what is asked about; packages may lie in the folder."""
+    packages = [folder, file.parent, *file.resolve().parents[:6]]
     try:
         try:
             origin = reading.read(file, packages)
