@@ -2,12 +2,11 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from s3le.cli import shell
-from s3le.errors import S3leError
 from s3le.robot import known
 
 if TYPE_CHECKING:
@@ -123,66 +122,29 @@ def new(
 
 @app.command("list", short_help="The robots that are known here.")
 def robots(
+    by_name: Annotated[
+        bool, typer.Option("--pairs", help="Name what is not covered of each.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """List the robots that come with S3LE and those in data/robots: what each is and who made it.
 
     For each: joints that move, bones that are followed, bodies, pairs of bodies that are watched,
-    and pairs that could meet but are not watched, of which no certificate speaks.
+    what no certificate speaks of (pairs that could meet but are not watched, links that are drawn
+    beyond their bodies), who made it, under which licence.
 
     \b
     s3le robot list
+    s3le robot list --pairs
     s3le robot list --json
 
     Exit status: 0, or 1 if one of them cannot be used.
     """  # noqa: D301
-    told, status = [], shell.OK
-    for name, file in known.listed().items():
-        try:
-            told.append({"name": name, "file": str(file)} | _about(shell.robot(str(file)), file))
-        except S3leError as refusal:
-            told.append({"name": name, "file": str(file), "unusable": str(refusal)})
-            status = shell.BROKEN
-    if as_json:
-        typer.echo(json.dumps([{k: v for k, v in one.items() if k != "warning"} for one in told],
-                              indent=2))  # fmt: skip
-    else:
-        typer.echo("\n".join(line for about in told for line in _listed(about)))
-    raise typer.Exit(status)
+    from s3le.cli import listed
 
-
-def _about(robot: "Robot", file: Path) -> dict[str, Any]:
-    from s3le.safety import covered
-
-    return {
-        "made_by": known.origin(file) or None,
-        "joints": robot.joint_names,
-        "bones": list(robot.vectors),
-        "bodies": len(robot.bodies),
-        "pairs_watched": len(robot.watched),
-        "by_design": [f"{a} and {b}: {why}" for a, b, _, why in robot.by_design()],
-        "not_covered": [f"{a} and {b}: {why}" for a, b, _, why in robot.unwatched()],
-        "not_covered_links": covered.tree(robot),
-        "warning": covered.warning(robot),
-    }
-
-
-def _listed(about: dict[str, Any]) -> list[str]:
-    if "unusable" in about:
-        return [f"{about['name']}: cannot be used: {about['unusable']}"]
-    made = about["made_by"]
-    who = f"{made['maker']}; {made['source']}; {made['licence']}" if made else "your own"
-    bare = about["not_covered"]
-    return [
-        f"{about['name']}: {len(about['joints'])} joints, {len(about['bones'])} bones followed, "
-        f"{about['bodies']} bodies, {about['pairs_watched']} pairs watched, {len(bare)} that "
-        "could meet not covered",
-        f"  {who}",
-        f"  {about['file']}",
-        f"  joints: {', '.join(about['joints'])}",
-        *(f"  not covered: {pair}" for pair in bare),
-        *([f"  look: {about['warning']}"] if about["warning"] else []),
-    ]
+    told = listed.rows()
+    typer.echo(json.dumps(told, indent=2) if as_json else "\n".join(listed.lines(told, by_name)))
+    raise typer.Exit(shell.BROKEN if any("unusable" in row for row in told) else shell.OK)
 
 
 @app.command("check", short_help="What there is to know about a robot file.")

@@ -11,11 +11,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from s3le.errors import RobotError
-from s3le.onboard import trunks
+from s3le.onboard import trunks, upright
 from s3le.onboard.source import Source
 from s3le.onboard.tree import Tree, main_chain, mirrored_pairs, named_pairs
 
 SHORTEST_ARM = 0.12  # [m]
+_LEANS = np.radians(8.0)  # [rad], a hip farther ahead or behind is put below the neck
+_DEEPER = 1.5  # of a trunk's length down to the legs, a base that lies lower is no hip
 _HAND = re.compile(r"hand|wrist|palm|grip|tool|tcp|ee_|_ee|tip", re.I)
 _SENSOR = re.compile(
     r"cam|imu|force|sensor|(^|_)ft(_|$)|torque|skin|optical|thumb|index|finger", re.I
@@ -93,16 +95,16 @@ def find(source: Source) -> Limbs:
             axes = [axis for axis in axes if abs(axis @ left) < 0.1]
             middle = middle - (middle - tree.at(roots["r"])) @ left * left
             middle = middle + (tree.at(roots["l"]) - tree.at(roots["r"])) / 2
-        up = _up(middle - below, axes)
+        up = upright.up_of(middle - below, axes)
     if len(arms) == 1:
-        left = np.cross(up, _forward(tree, legs, up))
+        left = np.cross(up, upright.forward_of(up))
         middle = middle - (middle - _centre(tree, link, legs)) @ left * left
-    base = _frame(left, up, axes, look)
+    base = upright.base_of(left, up, look)
     up, left = base[2], base[1]
     if low:  # the link that the waist hangs on begins at a joint that is held as a leg is
         points["hip"] = _offset(tree, link, tree.at(waist[0]))
     else:
-        points["hip"] = _hip(tree, link, legs, middle, up, look)
+        points["hip"] = _hip(tree, link, legs, middle, base, float(max(lengths)), look)
     points["neck"] = _neck(tree, trunk, middle, arms, left, look)
     for arm in arms.values():
         points |= arm.points
@@ -322,17 +324,18 @@ def _hand(
         frame, at = min(named, key=lambda item: abs(np.linalg.norm(item[1] - elbow) - upper))
         look.append(f"{side}_hand: the fixed frame '{frame.name}', no wrist joint bends there")
         return frame.name, [j for j in chain if j in tree.path(frame.parentJoint)], at
-    # Nothing is named there: the far end of what is solid beyond the elbow.
+    # Nothing is named there: the far end of what is solid beyond the elbow, along its middle.
     best, found = 0.0, None
     for f in tree.frames([*chain[k:], *under]):
+        at = tree.data.oMi[f.parentJoint] * f.placement
         for shape in source.shapes.get(f.name, []):
             corners = shape.triangles.reshape(-1, 3)
             corners = corners if len(corners) else shape.translation[None]
-            at = tree.data.oMi[f.parentJoint]
-            for corner in corners @ f.placement.rotation.T + f.placement.translation:
-                spot = at.act(corner)
-                if np.linalg.norm(spot - elbow) > best:
-                    best, found = float(np.linalg.norm(spot - elbow)), (f, spot)
+            spots = corners @ at.rotation.T + at.translation
+            far = float(np.linalg.norm(spots - elbow, axis=1).max())
+            if far > best:
+                way = (spots.min(axis=0) + spots.max(axis=0)) / 2 - elbow
+                best, found = far, (f, elbow + far * way / max(float(np.linalg.norm(way)), 1e-9))
     for f, spot in frames:
         if np.linalg.norm(spot - elbow) > best:
             best, found = float(np.linalg.norm(spot - elbow)), (f, spot)
@@ -369,57 +372,30 @@ def _body(tree: Tree, trunk: int, roots: list[int]) -> str:
     return next(f.name for f in tree.frames([trunk]) if f.name != "universe")
 
 
-def _up(raw: np.ndarray, axes: list[np.ndarray]) -> np.ndarray:
-    if np.linalg.norm(raw) < 0.1:
-        return np.eye(3)[2]
-    raw = raw / np.linalg.norm(raw)
-    # Hips lie ahead of or behind shoulders; the base frame's or some joint's axis is upright.
-    return _nearest_axis(raw, [*np.eye(3), *axes], np.cos(np.radians(35)))
-
-
-def _nearest_axis(raw: np.ndarray, axes: list[np.ndarray], least: float) -> np.ndarray:
-    """The direction that most axes near raw share; raw where none is near."""
-    near = [a if a @ raw > 0 else -a for a in axes if abs(a @ raw) >= least]
-    if not near:
-        return raw
-    votes = [sum(float(a @ b) > 0.9998 for b in near) for a in near]
-    best = max(range(len(near)), key=lambda i: (votes[i], round(float(near[i] @ raw), 6)))
-    return near[best]
-
-
-def _forward(tree: Tree, legs: list[int], up: np.ndarray) -> np.ndarray:
-    """Of a robot with one arm: the base's x, or y where x is upright."""
-    x = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
-    x = x - (x @ up) * up
-    return x / np.linalg.norm(x)
-
-
-def _frame(left: np.ndarray, up: np.ndarray, axes: list[np.ndarray], look: list[str]) -> np.ndarray:
-    """Rows x forward, y left, z up; whole quarter turns where it is nearly one."""
-    y = left - (left @ up) * up
-    y = y / np.linalg.norm(y)
-    base = np.stack([np.cross(y, up), y, up])
-    whole = np.round(base)
-    turn = np.degrees(np.arccos(np.clip((np.trace(base @ whole.T) - 1) / 2, -1, 1)))
-    if abs(np.linalg.det(whole) - 1) < 1e-9 and turn < 5.0:
-        return whole
-    look.append("base: its axes are not the robot's; forward and up come from shoulders and hip")
-    return base
-
-
 def _hip(
-    tree: Tree, link: str, legs: list[int], middle: np.ndarray, up: np.ndarray, look: list[str]
-) -> Point:
-    rel = middle - _link_at(tree, link)
+    tree: Tree, link: str, legs: list[int], middle: np.ndarray, base: np.ndarray, arm: float,
+    look: list[str],
+) -> Point:  # fmt: skip
+    origin, (forward, _, up) = _link_at(tree, link), base
+    rel = middle - origin
     length = float(np.linalg.norm(rel))
-    if length > 0.1 and rel @ up > np.cos(np.radians(25)) * length:
-        return link
-    if legs:
-        spot = np.mean([tree.at(j) for j in legs], axis=0)
-        look.append(f"hip: midway between the legs, for '{link}' is not below the shoulders")
-    else:
-        spot = middle - 0.3 * up
-        look.append(f"hip: 300 mm below the shoulders, for '{link}' is not below them")
+    below = length > 0.1 and rel @ up > np.cos(np.radians(25)) * length
+    spot = np.mean([tree.at(j) for j in legs], axis=0) if legs else middle - 0.3 * up
+    trunk = float((middle - spot) @ up) if legs else arm * trunks.LONGEST / _DEEPER
+    if below and length <= _DEEPER * trunk:
+        ahead = float(rel @ forward)
+        if abs(ahead) <= np.sin(_LEANS) * length:
+            return link
+        look.append(
+            f"hip: {abs(ahead) * 1e3:.0f} mm {'before' if ahead > 0 else 'behind'} '{link}', for "
+            "a trunk is upright at zero"
+        )
+        return _offset(tree, link, origin + ahead * forward)
+    why = "not below the shoulders"
+    if below:
+        why = f"{length * 1e3:.0f} mm below the shoulders, farther than a trunk is long"
+    where = "midway between the legs" if legs else "300 mm below the shoulders"
+    look.append(f"hip: {where}, for '{link}' is {why}")
     return _offset(tree, link, spot)
 
 

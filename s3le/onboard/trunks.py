@@ -5,7 +5,7 @@ import numpy as np
 from s3le.onboard.tree import Tree, mirrored_pairs, named_pairs
 
 _WAIST = 3  # joints at most that count as a waist
-_TRUNK = 1.4  # lengths of an arm that a trunk has at most, from waist to shoulders
+LONGEST = 1.4  # lengths of an arm that a trunk has at most, from waist to shoulders
 
 
 def waist(
@@ -41,11 +41,11 @@ def waist(
     spots = [*(tree.at(j) for j in last), shoulders]
     steps = [float(np.linalg.norm(a - b)) for a, b in zip(spots, spots[1:], strict=False)]
     down = np.cumsum(steps[::-1])[::-1]  # [m] along the trunk from each joint to the shoulders
-    near = [j for j, far in zip(last, down, strict=True) if far <= _TRUNK * arm]
+    near = [j for j, far in zip(last, down, strict=True) if far <= LONGEST * arm]
     if near and len(near) < len(last):
         low = [tree.name(j) for j in last if j not in near]
         look.append(
-            f"held, for they lie more than {_TRUNK:g} arms below the shoulders, as legs do: "
+            f"held, for they lie more than {LONGEST:g} arms below the shoulders, as legs do: "
             f"{', '.join(low)}"
         )
         return near, last[:1]

@@ -8,7 +8,7 @@ from s3le.errors import RobotError
 MARGIN, NECK = 0.002, "midpoint"  # of a robot file, which says neither; see params.yaml
 OWN = Path("data/robots")  # of a checkout, or of whoever has such a folder
 READY = Path(__file__).parents[1] / "robots"  # what comes with the package
-_ORIGIN = "origin.json"
+ORIGIN = "origin.json"
 
 
 def named(name: str, folders: tuple[Path, ...] = (OWN,)) -> Path:
@@ -38,4 +38,4 @@ def origin(file: Path) -> dict[str, str]:
     """Maker, source and licence of a robot that comes with the package; {} of any other."""
     if file.parent != READY:
         return {}
-    return json.loads((READY / _ORIGIN).read_text(encoding="utf-8")).get(file.stem, {})
+    return json.loads((READY / ORIGIN).read_text(encoding="utf-8")).get(file.stem, {})

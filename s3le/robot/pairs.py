@@ -65,7 +65,7 @@ def told(pair: Pair) -> str:
         return f"{pair.reason}, seen to overlap by {over} mm over its range"
     if np.isfinite(pair.baseline):
         depth = -pair.baseline * 1e3
-        return f"{pair.reason}, {depth:.1f} mm deep" if depth > 0.0 else pair.reason
+        return f"{pair.reason}, {abs(depth):.1f} mm {'deep' if depth > 0.0 else 'apart'}"
     return pair.reason
 
 

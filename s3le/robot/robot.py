@@ -290,7 +290,12 @@ class Robot(Geometry):
 
     def by_design(self) -> list[tuple[str, str, str, str]]:
         """Pairs that overlap by design and are held to a baseline, as `unwatched` has them."""
-        return self._named(lambda pair: pair.reason in (pairs.BASELINE, pairs.BOUNDED))
+        return self._named(self.designed)
+
+    def designed(self, pair: Pair) -> bool:
+        """Does a pair overlap by design, or come nearer than the margin, and is it held to that?"""
+        held = pair.reason == pairs.BASELINE and pair.baseline < self.margin + pairs.RESTING
+        return held or pair.reason == pairs.BOUNDED
 
     def _named(self, asked: Callable[[Pair], bool]) -> list[tuple[str, str, str, str]]:
         names = [origin(body.name) for body in self.bodies]

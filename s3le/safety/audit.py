@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from s3le.errors import ParameterError
-from s3le.robot.pairs import BASELINE, BOUNDED
 from s3le.robot.ranges import origin
 from s3le.robot.robot import Robot
 from s3le.safety import checks, covered
@@ -249,7 +248,7 @@ def by_design(robot: Robot) -> list[dict[str, Any]]:
     return [
         {"a": names[p.a], "b": names[p.b], "kind": p.kind, "reason": p.reason,
          "baseline_m": p.baseline}
-        for p in robot.pairs if p.reason in (BASELINE, BOUNDED)
+        for p in robot.pairs if robot.designed(p)
     ]  # fmt: skip
 
 
