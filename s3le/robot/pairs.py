@@ -88,8 +88,13 @@ def body_kinds(robot: Geometry) -> list[str]:
     return kinds
 
 
-def all_pairs(robot: Geometry) -> list[Pair]:
+def all_pairs(robot: Geometry, proven: bool = True) -> list[Pair]:
     """Every pair of bodies with its decision, in order of (a, b).
+
+    Args:
+        robot: whose pairs they are.
+        proven: look for proofs that pairs never get deeper; without, none is BOUNDED, and how
+            neighbours lie is not looked at.
 
     Raises:
         RobotError: not one pair is left to watch.
@@ -115,7 +120,7 @@ def all_pairs(robot: Geometry) -> list[Pair]:
                 pair = pair._replace(reason=OTHERWISE)
             elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0:
                 deepest = min(_distance(robot, at, a, b, 1.0) for at in (at_anchor, *others))
-                pair = _by_design(robot, pair, deepest)
+                pair = _by_design(robot, pair, deepest, proven)
             pairs.append(pair)
     if not any(pair.reason in KEPT for pair in pairs):
         file = robot.description.source
@@ -129,22 +134,24 @@ def _standing(robot: Geometry) -> list[np.ndarray]:
     return [zero] if robot.stand is None else [zero, robot.stand]
 
 
-def _by_design(robot: Geometry, pair: Pair, baseline: float) -> Pair:
+def _by_design(robot: Geometry, pair: Pair, baseline: float, proven: bool) -> Pair:
     """What is decided of a pair that overlaps at the anchor, grown.
 
     Args:
         robot: whose pair it is.
         pair: as far as it is known.
         baseline: signed distance [m] where it overlaps deepest.
+        proven: see all_pairs.
     """
     one, other = robot.bodies[pair.a], robot.bodies[pair.b]
     solid = {body.joint for body in robot.bodies}
     if not solid & set(_between(robot, one.joint, other.joint)[1:-1]):
-        return pair._replace(reason=NEIGHBOURS, seen=over_range(robot, one, other))
+        pair = pair._replace(reason=NEIGHBOURS)
+        return pair._replace(seen=over_range(robot, one, other)) if proven else pair
     if one.radius + other.radius + baseline < _CORES:
         return pair._replace(reason=MEETING)
-    proven = never_deeper(robot, one, other, baseline - DEEPER)
-    return pair._replace(reason=BOUNDED if proven else BASELINE, baseline=baseline)
+    sure = proven and never_deeper(robot, one, other, baseline - DEEPER)
+    return pair._replace(reason=BOUNDED if sure else BASELINE, baseline=baseline)
 
 
 def _kind(one: str, other: str) -> str:
@@ -195,16 +202,21 @@ def anchor_collision(robot: Geometry, pairs: list[Pair]) -> Pair | None:
     """A pair that collides at the anchor, which the anchor rule would otherwise stop watching.
 
     Neighbours in the tree overlap by design, and so may what follows them without a gap (a
-    shoulder's links and the torso). A pair that overlaps although a body between the two keeps
-    clear of one of them (a forearm in the torso, the upper arm not) is a collision.
+    shoulder's links and the torso), and what is of one limb or of the trunk and overlaps at zero
+    too. Another pair that overlaps although a body between the two keeps clear of one of them (a
+    forearm in the torso, the upper arm not) is a collision.
     """
     joint = [body.joint for body in robot.bodies]
+    zero = placements(robot, _standing(robot)[0])
     near = {(joint[p.a], joint[p.b]) for p in pairs if p.reason in BY_DESIGN}
     near |= {(b, a) for a, b in near}
     for p in pairs:
         if p.reason in BY_DESIGN and p.clearance < 0.0:
             path = [j for j in _between(robot, joint[p.a], joint[p.b]) if j in joint]
-            if len(path) > 2 and not {(path[1], path[-1]), (path[0], path[-2])} <= near:
+            if len(path) <= 2 or {(path[1], path[-1]), (path[0], path[-2])} <= near:
+                continue
+            alike = p.kind in ("trunk-trunk", "within a limb")
+            if not (alike and _distance(robot, zero, p.a, p.b, 1.0) < 0.0):
                 return p
     return None
 
