@@ -1,7 +1,7 @@
 """Finer bodies: they stand for their link in the pairs that ask for them, and in no other."""
 
 import pytest
-from worlds import MARGIN, ROBOTS, coman, edited
+from worlds import MARGIN, ROBOTS, edited
 
 from s3le.errors import RobotError
 from s3le.robot.pairs import KEPT, OTHERWISE
@@ -9,19 +9,11 @@ from s3le.robot.robot import Robot
 
 URDF = (ROBOTS / "urdf" / "coman.urdf").read_text(encoding="utf-8")
 YAML = (ROBOTS / "coman.yaml").read_text(encoding="utf-8")
-FINE = "".join(
-    f'<collision name="fine"><origin xyz="{x} 0 0.15" rpy="0 0 0"/><geometry>'
-    '<capsule radius="0.09" length="0.04"/></geometry></collision>'
-    for x in (-0.06, 0.02)
-)  # the torso's upper part, in two
-END = 'radius="0.127681" length="0.0590515270933"/></geometry></collision>'
 PAIR = "finer: [[DWYTorso, Waist]]\n"
+PLAIN = edited(YAML, (PAIR, ""))
 
 
-FINER = URDF.replace(END, END + FINE)
-
-
-def made(folder, yaml=YAML + PAIR, urdf=FINER):
+def made(folder, yaml=YAML, urdf=URDF):
     (folder / "urdf").mkdir(parents=True, exist_ok=True)
     (folder / "urdf" / "coman.urdf").write_text(urdf, encoding="utf-8")
     (folder / "coman.yaml").write_text(yaml, encoding="utf-8")
@@ -40,9 +32,10 @@ def of(robot, a, b):
 
 def test_a_pair_that_asks_is_watched_by_the_finer_bodies_and_others_by_the_usual_ones(tmp_path):
     robot = made(tmp_path)
-    assert sum(body.fine for body in robot.bodies) == 2
+    assert sum(body.fine for body in robot.bodies) == 18
     asked = of(robot, "DWYTorso", "Waist")
-    assert asked[False, False] == {OTHERWISE} and asked[True, False] <= set(KEPT)
+    assert asked[False, False] == {OTHERWISE} and asked[True, True] <= set(KEPT)
+    assert asked[True, False] == asked[False, True] == {OTHERWISE}
     other = of(robot, "DWYTorso", "LForearm")
     assert other[False, False] == {"watched"} and other[True, False] == {OTHERWISE}
     assert not any("by other bodies" in why for *_, why in robot.unwatched())
@@ -50,14 +43,11 @@ def test_a_pair_that_asks_is_watched_by_the_finer_bodies_and_others_by_the_usual
 
 def test_it_is_another_robot(tmp_path):
     digests = {
-        coman().digest,
         made(tmp_path / "a").digest,
-        made(tmp_path / "b", YAML).digest,
-        made(
-            tmp_path / "c", urdf=URDF.replace(END, END + FINE.replace('"fine"', '"other"', 1))
-        ).digest,
+        made(tmp_path / "b", PLAIN).digest,
+        made(tmp_path / "c", urdf=URDF.replace('"fine"', '"other"', 1)).digest,
     }
-    assert len(digests) == 4
+    assert len(digests) == 3
 
 
 def test_a_robot_that_is_sent_keeps_them(tmp_path):
@@ -69,7 +59,7 @@ def test_a_robot_that_is_sent_keeps_them(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("finer: [[LForearm, Waist]]\n", 'of which neither has a <collision name="fine">'),
+        ("finer: [[LForearm, RForearm]]\n", 'of which neither has a <collision name="fine">'),
         ("finer: [[DWYTorso, Wasit]]\n", "finer names 'Wasit', which is no link of"),
         ("finer: [[DWYTorso]]\n", "finer must be pairs of links"),
         ("finer: [DWYTorso, Waist]\n", "finer must be pairs of links"),
@@ -79,17 +69,12 @@ def test_a_robot_that_is_sent_keeps_them(tmp_path):
 )
 def test_what_cannot_be_meant_is_refused(tmp_path, text, words):
     with pytest.raises(RobotError) as refusal:
-        made(tmp_path, YAML + text)
+        made(tmp_path, PLAIN + text)
     assert words in str(refusal.value) and str(tmp_path) in str(refusal.value)
 
 
 def test_a_link_with_finer_bodies_alone_is_refused(tmp_path):
-    only = edited(
-        URDF,
-        (
-            '<link name="Waist">\n    <collision>',
-            '<link name="Waist">\n    <collision name="fine">',
-        ),
-    )
-    with pytest.raises(RobotError, match="link 'Waist' has bodies that are `fine` and no other"):
-        made(tmp_path, YAML, only)
+    link = '<link name="LForearm">\n    <collision'
+    only = edited(URDF, (link, f'{link} name="fine"'))
+    with pytest.raises(RobotError, match="link 'LForearm' has bodies that are `fine` and no other"):
+        made(tmp_path, PLAIN, only)
