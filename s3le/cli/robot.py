@@ -40,7 +40,7 @@ def new(
     ] = None,
     capsules: Annotated[
         int, typer.Option(min=1, max=16, help="Most capsules that a mesh becomes.")
-    ] = 4,
+    ] = 16,
     collision_only: Annotated[
         bool,
         typer.Option(

@@ -21,7 +21,8 @@ from s3le.robot.model import Geometry
 
 POSES = 300  # as people move
 BAND = 0.005  # [m] beyond the margin in which room counts already
-_TOUCH = 0.01  # [m] of pieces so near in a named pose no capsules are made that are clear of each other
+_WISHED = 0.009  # [m] the same in named poses
+_TOUCH = 0.01  # [m] pieces as near in all named poses are built to each other
 _DEEP = 0.02  # [m] of room that counts as one
 _LEAN = np.radians(15.0)  # [rad] spread of trunk joints
 _HANGING = 2.0  # concentration of the upper arms about straight down, as of the sampler `human`
@@ -127,7 +128,7 @@ class Near(NamedTuple):
     rows: np.ndarray  # int64 (k,), among those shown
     far: np.ndarray  # [m], (k,), how far the pieces are apart
     normal: np.ndarray  # (k, 3), unit, from the first piece to the second, in the base's frame
-    tied: bool  # they touch, nearly, in named poses: watched against how their capsules overlap
+    tied: bool  # they touch, nearly, in all named poses: held against how capsules overlap there
 
 
 @dataclass
@@ -163,19 +164,25 @@ class Room:
                 if one.joint == two.joint or frozenset((one.link, two.link)) in self.skip:
                     continue
                 apart = self.apart(one, two, np.arange(len(self.shown.q)))
-                if frozenset((one.joint, two.joint)) in near and apart[: self.shown.named].min() < 0.0:
+                if (
+                    frozenset((one.joint, two.joint)) in near
+                    and apart[: self.shown.named].min() < 0.0
+                ):
                     continue
-                rows, far, normal, tied = [], [], [], False
-                for k in np.flatnonzero(apart < self.margin + BAND):
+                rows, far, normal, touch = [], [], [], 0
+                free = np.full(len(apart), self.margin + BAND)
+                free[: self.shown.named] = self.margin + _WISHED
+                for k in np.flatnonzero(apart < free):
                     found = coal.DistanceResult()
                     at = [_transform(places[k][p.joint + 1] * p.stands) for p in (one, two)]
                     coal.distance(one.solid, at[0], two.solid, at[1], ask, found)
-                    tied |= k < self.shown.named and found.min_distance < _TOUCH
+                    touch += k < self.shown.named and found.min_distance < _TOUCH
                     if found.min_distance >= self.margin:
                         rows.append(k)
                         far.append(found.min_distance)
                         normal.append(found.normal)
                 if rows:
+                    tied = touch == self.shown.named
                     self.near[i, j] = Near(np.array(rows), np.array(far), np.array(normal), tied)
 
     def apart(self, one: Piece, two: Piece, rows: np.ndarray) -> np.ndarray:
@@ -199,7 +206,8 @@ class Room:
         held = self.apart(two[0], two[1], near.rows)
         if near.tied:
             least = min(least, self.apart(two[0], two[1], np.arange(self.shown.named)).min())
-        taken = [np.maximum(least + BAND - far, 0.0) / _DEEP for far in (held, near.far)]
+        free = least + np.where(near.rows < self.shown.named, _WISHED, BAND)
+        taken = [np.maximum(free - far, 0.0) / _DEEP for far in (held, near.far)]
         return self.shown.weight[near.rows] * np.maximum(taken[0] - taken[1], 0.0)
 
     def cost(self, pair: tuple[int, int]) -> float:

@@ -13,7 +13,18 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.onboard import anchor, bodies, covering, hulls, limbs, motion, reading, source, stand, tight
+from s3le.onboard import (
+    anchor,
+    bodies,
+    covering,
+    hulls,
+    limbs,
+    motion,
+    reading,
+    source,
+    stand,
+    tight,
+)
 from s3le.onboard.tree import Tree
 from s3le.robot import model, sense, srdf
 from s3le.robot.description import MAPPED
@@ -23,7 +34,7 @@ from s3le.store.atomic import replace
 
 TURNED = 0.01  # chord of a unit vector; a joint that moves none farther drops out
 SPEED = np.pi  # [rad/s] where the URDF names no limit that can be one
-_FREE = 0.003  # [m] beyond the margin that parts keep where arms hang: capsules are no hulls
+_FREE = 0.006  # [m] beyond the margin that parts keep where arms hang: capsules are no hulls
 FASTEST = 60.0  # [rad/s] a limit beyond is a placeholder
 
 

@@ -25,7 +25,7 @@ _ALONG = 0.995  # cosine between main axes and the frame's from which on they ar
 _SOME = directions(100)
 _GRIDS = sorted(
     ((x, y, z) for x in range(1, 5) for y in range(1, 5) for z in range(1, 5)
-     if 1 < x * y * z <= 4), key=lambda counts: (int(np.prod(counts)), counts)
+     if 1 < x * y * z <= 4 and max(x, y, z) < 4), key=lambda counts: (int(np.prod(counts)), counts)
 )  # fmt: skip
 
 
@@ -65,12 +65,12 @@ class Splitter:
 
     def cuts(self, part: Part) -> Iterator[list[Part]]:
         """Grids that share a part, each cell in a capsule that is quickly found."""
-        frames = [np.eye(3), _axes(part.points)]
+        frames, edges = [np.eye(3), _axes(part.points)], _edges(part.points)
         if np.abs(frames[1]).max(axis=1).min() > _ALONG:
             frames = frames[:1]
         for frame in frames:
             for counts in _GRIDS:
-                cells = _cells(part.points, frame, counts)
+                cells = _cells(part.points, edges, frame, counts)
                 if len(cells) == np.prod(counts):
                     yield [Part(cell, self._crude(cell)) for cell in cells]
 
@@ -110,33 +110,44 @@ class Splitter:
         return around(points, ends[:3], ends[3:])
 
 
-def _cells(points: np.ndarray, frame: np.ndarray, counts: tuple[int, int, int]) -> list[np.ndarray]:
+def _cells(
+    points: np.ndarray, edges: np.ndarray, frame: np.ndarray, counts: tuple[int, int, int]
+) -> list[np.ndarray]:
     """Corners of the cells that a grid of equal steps along the rows of frame cuts a part into."""
-    parts = [points]
+    parts = [(points, edges)]
     for way, count in zip(frame, counts, strict=True):
         height = points @ way
         for at in np.linspace(height.min(), height.max(), count + 1)[1:-1]:
-            parts = [half for part in parts for half in halves(part, way, float(at))]
-    return parts
+            cells = [half for part in parts for half in halves(*part, way, float(at))]
+            parts = [(cell, known) if known is not None else (cell, _edges(cell))
+                     for cell, known in cells]  # fmt: skip
+    return [cell for cell, _ in parts]
 
 
-def halves(points: np.ndarray, way: np.ndarray, at: float) -> list[np.ndarray]:
-    """Corners of what a plane way . x = at makes of a convex part: both halves, or all of it.
+def _edges(points: np.ndarray) -> np.ndarray:
+    """Edges of the hull of corners (n, 3) as rows of two, and more: those within its faces."""
+    try:
+        faces = ConvexHull(points).simplices
+    except (QhullError, ValueError):
+        return np.empty((0, 2), int)
+    return np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+
+
+def halves(
+    points: np.ndarray, edges: np.ndarray, way: np.ndarray, at: float
+) -> list[tuple[np.ndarray, np.ndarray | None]]:
+    """What a plane way . x = at makes of a convex part: corners of both halves, or all of it.
 
     The corners on each side, and where the plane meets the edges: the hull of these is the half.
     """
     height = points @ way - at
-    if height.min() > -_THIN or height.max() < _THIN:
-        return [points]
-    try:
-        faces = ConvexHull(points).simplices
-    except (QhullError, ValueError):
-        return [points]
-    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    if height.min() > -_THIN or height.max() < _THIN or not len(edges):
+        return [(points, edges)]
     low, high = edges[height[edges[:, 0]] * height[edges[:, 1]] < 0.0].T
     share = (height[low] / (height[low] - height[high]))[:, None]
     rim = points[low] + share * (points[high] - points[low])
-    return [np.concatenate([points[height <= 0.0], rim]), np.concatenate([points[height > 0.0], rim])]
+    below, above = points[height <= 0.0], points[height >= 0.0]
+    return [(np.concatenate([side, rim]), None) for side in (below, above)]
 
 
 def _outer(points: np.ndarray) -> np.ndarray:

@@ -113,7 +113,10 @@ def _hung(robot: Geometry, away: float) -> np.ndarray:
     rng = np.random.default_rng(0)
     low, high = robot.lower[moving], robot.upper[moving]
     bounds: Sequence[tuple[float, float]] = list(zip(low, high, strict=True))
-    starts = [zero[moving], *rng.uniform(np.maximum(low, -1.5), np.minimum(high, 1.5), (6, len(low)))]
+    starts = [
+        zero[moving],
+        *rng.uniform(np.maximum(low, -1.5), np.minimum(high, 1.5), (6, len(low))),
+    ]
     found = [minimize(off, start, method="L-BFGS-B", bounds=bounds) for start in starts]
     best = min(found, key=lambda one: round(float(one.fun), 6))
     q = zero.copy()

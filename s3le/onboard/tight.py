@@ -5,6 +5,7 @@ that another capsule adds gets one more, until none gains enough. Room is what c
 the pieces themselves do not, over poses as people move, the stand, zero, and the T-pose.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,11 +17,13 @@ from s3le.onboard.source import Shape, Source
 from s3le.onboard.splitting import WAYS, Part, Splitter
 from s3le.robot.model import Geometry
 
-WORTH = 5e-4  # of room that each further pair must give
+WORTH = 8e-4  # of room that each further pair must give
+_SPARE = 0.2  # of the pairs, so many more for the sake of reach
+_SLIM = 4  # capsules that a piece may have for its reach alone
 MOST = 16  # capsules of one piece
-REACH = 0.015  # [m] that capsules are to reach at most beyond a piece near which others come
+REACH = 0.015  # [m] that capsules are to reach at most beyond a piece that an arm carries
 _TRIED = 2  # parts that are cut on trial: those that take most room
-_FITTED = 2  # cuts of each count whose capsules are searched well
+_FITTED = 1  # cuts of each count whose capsules are searched well
 _NAMED = 0.2  # that a named pose counts, beside 1 for all others together
 
 
@@ -76,6 +79,7 @@ class Work:
             splitter.weights = self.room.sides(k, WAYS @ self.pieces[k].at.rotation.T)
         before = self.total()
         self.grow()
+        self.slim()
         more = sum(len(parts) - 1 for parts in self.parts.values())
         made = self._written()
         if not more:
@@ -153,6 +157,48 @@ class Work:
                 ])  # fmt: skip
                 out.append(made)
         return out
+
+    def slim(self) -> None:
+        """Cut what arms carry until it reaches no farther than it should, while pairs stay few."""
+        trunk = {-1, *self.robot.path_to(self.robot.points["neck"].joint)}
+        arms = [k for k in self.splits if self.pieces[k].joint not in trunk]
+        left = _SPARE * self._pairs()
+        tried = [(k, self._slimmer(k)) for k in arms]
+        for k, parts in sorted(tried, key=lambda one: len(one[1]) - len(self.parts[one[0]])):
+            pairs = self.room.partners(k)
+            now = sum(self.room.cost(pair) for pair in pairs)
+            price = (len(parts) - len(self.parts[k])) * self.price(k)
+            if 0 < price <= left and self._score(k, parts, pairs) <= now + WORTH:
+                left -= price
+                self._settle(k, parts)
+            self._put(k, self.parts[k])
+        self.cost = {pair: self.room.cost(pair) for pair in self.room.near}
+
+    def _slimmer(self, k: int) -> list[Part]:
+        """A piece in more capsules, none of which reaches too far; as it is where few do not do."""
+        splitter, parts = self.splits[k], self.parts[k]
+        splitter.weights = np.ones(len(WAYS))
+        while self._reach(k, parts) > REACH:
+            n = int(np.argmax([splitter.excess([part.capsule]) for part in parts]))
+            cells = min(
+                (cut for cut in splitter.cuts(parts[n]) if len(cut) == 2),
+                key=lambda cut: splitter.excess([cell.capsule for cell in cut]), default=None,
+            )  # fmt: skip
+            if cells is None or len(parts) >= min(self.most, _SLIM):
+                return self.parts[k]
+            cells = [cell._replace(capsule=splitter.fit(cell.points)) for cell in cells]
+            parts = [*parts[:n], *cells, *parts[n + 1 :]]
+        return parts
+
+    def _pairs(self) -> int:
+        """Pairs of bodies that can move against each other."""
+        count = Counter[int]()
+        for piece in self.pieces:
+            count[piece.joint] += len(piece.capsules)
+        return (count.total() ** 2 - sum(n * n for n in count.values())) // 2
+
+    def _reach(self, k: int, parts: Sequence[Part]) -> float:
+        return reach_beyond([part.capsule for part in parts], self.splits[k].corners)
 
     def _score(self, k: int, parts: Sequence[Part], pairs: Sequence[tuple[int, int]]) -> float:
         self._put(k, parts)
