@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+
 from s3le.onboard import motion
 from s3le.onboard.bodies import Made, element, rebuilt
 from s3le.onboard.capsules import Capsule, hull_volume, reach_beyond, to_segment
