@@ -22,6 +22,7 @@ from s3le.robot.model import Geometry
 POSES = 300  # as people move
 BAND = 0.005  # [m] beyond the margin in which room counts already
 _WISHED = 0.009  # [m] the same in named poses
+OUT = 1  # of the named poses the one whose overlaps bodies may keep: arms held out
 _TOUCH = 0.01  # [m] pieces as near in all named poses are built to each other
 _DEEP = 0.02  # [m] of room that counts as one
 _LEAN = np.radians(15.0)  # [rad] spread of trunk joints
@@ -128,7 +129,7 @@ class Near(NamedTuple):
     rows: np.ndarray  # int64 (k,), among those shown
     far: np.ndarray  # [m], (k,), how far the pieces are apart
     normal: np.ndarray  # (k, 3), unit, from the first piece to the second, in the base's frame
-    tied: bool  # they touch, nearly, in all named poses: held against how capsules overlap there
+    tied: bool  # they touch, nearly, in all named poses: held against overlaps in OUT
 
 
 @dataclass
@@ -147,7 +148,7 @@ class Room:
     def measure(self) -> None:
         """Distances of the pieces, of every pair whose capsules come near where they do not.
 
-        Neighbours whose capsules overlap at a named pose are left out: they touch by design.
+        Neighbours whose capsules overlap where arms are held out are left out: so they are built.
         """
         model, _ = self.robot.reduced()
         data = model.createData()
@@ -205,10 +206,18 @@ class Room:
         two, least = [self.pieces[k] for k in pair], self.margin
         held = self.apart(two[0], two[1], near.rows)
         if near.tied:
-            least = min(least, self.apart(two[0], two[1], np.arange(self.shown.named)).min())
+            least = min(least, float(self.apart(two[0], two[1], np.array([OUT]))[0]))
         free = least + np.where(near.rows < self.shown.named, _WISHED, BAND)
         taken = [np.maximum(free - far, 0.0) / _DEEP for far in (held, near.far)]
         return self.shown.weight[near.rows] * np.maximum(taken[0] - taken[1], 0.0)
+
+    def forbids(self, pair: tuple[int, int]) -> bool:
+        """Do capsules of two pieces forbid the first named pose, and they themselves do not?"""
+        near = self.near[pair]
+        if not len(near.rows) or near.rows[0] != 0:
+            return False
+        held = self.apart(self.pieces[pair[0]], self.pieces[pair[1]], np.array([0, OUT]))
+        return bool(held[0] < (min(self.margin, held[1]) if near.tied else self.margin))
 
     def cost(self, pair: tuple[int, int]) -> float:
         """The room of a pair, over all poses."""

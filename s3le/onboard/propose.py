@@ -99,6 +99,7 @@ def propose(
     moving = _moving(tree, found, origin, look)
     _continuous(origin, moving, look)
     few = min(most, bodies.MOST)
+    chosen = not origin.drawn and origin.root.find(covered.TAG) is not None  # by an earlier `new`
     made, record, notes = covering.cover(origin, few, given, allowance, collision_only)
     look += notes
     _refuse_bare(tree, found, made, urdf)
@@ -133,7 +134,7 @@ def propose(
         work = tight.Work(origin, robot, made, margin, most)
         standing, out = _standing(robot, neck, work, poses, margin)
         plan.stand = dict(zip(robot.joint_names, standing.q.tolist(), strict=True))
-        if origin.drawn or origin.root.find(covered.TAG) is None:  # else they were chosen before
+        if not chosen:
             made, said = work.tighten([standing.q, out, anchor.zero(robot)])
             sure += said
             made, record, notes = covering.settle(

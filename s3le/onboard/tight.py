@@ -19,6 +19,7 @@ from s3le.onboard.splitting import WAYS, Part, Splitter
 from s3le.robot.model import Geometry
 
 WORTH = 8e-4  # of room that each further pair must give
+_INSISTS = 0.1  # of WORTH, where a piece keeps the robot from standing
 _SPARE = 0.2  # of the pairs, so many more for the sake of reach
 _SLIM = 4  # capsules that a piece may have for its reach alone
 MOST = 16  # capsules of one piece
@@ -62,7 +63,7 @@ class Work:
         """Choose how many capsules each piece has, and put them into the URDF's elements.
 
         Args:
-            named: poses that matter most [rad], (n_dof,).
+            named: poses that matter most [rad], (n_dof,): the stand, arms held out, zero.
 
         Returns:
             The bodies, in the order of those given, and a line for a person.
@@ -79,8 +80,11 @@ class Work:
         for k, splitter in self.splits.items():
             splitter.weights = self.room.sides(k, WAYS @ self.pieces[k].at.rotation.T)
         before = self.total()
-        self.grow()
+        self.grow(WORTH, set(self.splits))
         self.slim()
+        while held := [pair for pair in self.room.near if self.room.forbids(pair)]:
+            if not self.grow(WORTH * _INSISTS, {k for pair in held for k in pair}, 1):
+                break
         more = sum(len(parts) - 1 for parts in self.parts.values())
         made = self._written()
         if not more:
@@ -108,28 +112,37 @@ class Work:
         own = self.pieces[k]
         return sum(len(p.capsules) for p in self.pieces if p.joint != own.joint)
 
-    def grow(self) -> None:
-        """Give capsules to those who gain most by them."""
+    def grow(self, worth: float, among: set[int], most: int | None = None) -> int:
+        """Give capsules to those pieces who gain most by them; returns how often.
+
+        Args:
+            worth: room that each further pair must give.
+            among: pieces that may get some.
+            most: how often at most.
+        """
         known: dict[int, tuple[float, list[Part]]] = {}
-        while True:
+        done = 0
+        while most is None or done < most:
             for k in self.splits:
-                if k not in known:
-                    known[k] = self._gain(k)
+                if k in among and k not in known:
+                    known[k] = self._gain(k, worth)
             best = max(known, key=lambda k: known[k][0], default=None)
-            if best is None or known[best][0] < WORTH:
-                return
+            if best is None or known[best][0] < worth:
+                return done
+            done += 1
             self._settle(best, known[best][1])
             for pair in self.room.partners(best):
                 self.cost[pair] = self.room.cost(pair)
                 for k in pair:
                     known.pop(k, None)
+        return done
 
-    def _gain(self, k: int) -> tuple[float, list[Part]]:
+    def _gain(self, k: int, worth: float) -> tuple[float, list[Part]]:
         """Room for each further pair of the best way to cut one of a piece's parts."""
         pairs = [pair for pair in self.room.partners(k) if self.cost[pair] > 0.0]
         now, price = sum(self.cost[pair] for pair in pairs), self.price(k)
         best: tuple[float, list[Part]] = (0.0, [])
-        if now > WORTH * price and k not in self.ahead:
+        if now > worth * price and k not in self.ahead:
             self.ahead[k] = self._cut(k, pairs)
         for parts in self.ahead.get(k, []):
             more = len(parts) - len(self.parts[k])
