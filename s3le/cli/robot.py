@@ -39,7 +39,7 @@ def new(
     ] = None,
     capsules: Annotated[
         int, typer.Option(min=1, max=16, help="Most capsules that a mesh becomes.")
-    ] = 4,
+    ] = 16,
     collision_only: Annotated[
         bool,
         typer.Option(
@@ -88,7 +88,7 @@ def new(
     s3le robot new g1.urdf --srdf g1.srdf --package-path ~/ros/src --hulls
     s3le robot new arm.urdf --name arm --capsules 8 --allowance 0.01
     """  # noqa: D301
-    from s3le.onboard import propose
+    from s3le.onboard import propose, survey
     from s3le.safety.covered import ALLOWANCE
 
     with shell.guarded():
@@ -109,6 +109,8 @@ def new(
                 f"body: {body.link}: {body.kind} -> {len(body.capsules)} capsules, "
                 f"{body.grown:.2f} times the hull's volume, {body.adds * 1e3:.0f} mm beyond it"
             )
+    for line in survey.stands(robot, survey.standing(robot)):
+        typer.echo(f"look: {line}" if "forbid" in line else line)
     for line in made.sure:
         typer.echo(f"sure: {line}")
     for line in made.look:
@@ -166,8 +168,9 @@ def check(
 ) -> None:
     """Validate a robot file and report on it.
 
-    Joints, reach, how far each link is drawn beyond its bodies, pairs and why they are watched or
-    not, random poses, time of a check, the longest way to rest.
+    Joints, reach, whether its bodies let it stand and which pairs forbid it, how far each link is
+    drawn beyond its bodies, pairs and why they are watched or not, random poses, time of a check,
+    the longest way to rest. The picture shows it at its anchor and as it stands.
 
     \b
     s3le robot check coman
@@ -223,6 +226,22 @@ def _draw(robot: "Robot", path: Path, notes: list[str]) -> None:
         f"{it.name} at its anchor: {it.n_dof} joints, {len(it.bodies)} bodies, "
         f"{len(robot.watched)} pairs watched, {len(dropped)} not",
         batch.capsule_ends(chain, q)[0], chain.body_radius, pairs.body_kinds(it),
-        np.stack([tail, head], axis=1), list(robot.vectors), dropped, notes,
+        np.stack([tail, head], axis=1), list(robot.vectors), dropped, notes, _standing(it),
     )  # fmt: skip
     picture.draw(path, shown)
+
+
+def _standing(robot: "Robot"):
+    """The robot in its stand pose, for the picture; None: it does not say how it stands."""
+    from s3le.kernels import batch
+    from s3le.onboard import survey
+    from s3le.report import robot as picture
+    from s3le.robot.hulls import HullCheck
+
+    found = survey.standing(robot)
+    if found is None or robot.stand is None:
+        return None
+    forbid = [(int(a), int(b)) for a, b in (robot.watched[row] for row, _, _ in found.forbid)]
+    drawn = HullCheck(robot).placed(robot.stand) if robot.description.hulls else []
+    turned = [corners @ robot.base_rotation.T for corners in drawn]
+    return picture.Standing(batch.capsule_ends(robot.chain, robot.stand[None])[0], forbid, turned)

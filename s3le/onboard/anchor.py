@@ -4,6 +4,7 @@ Pairs that overlap at the anchor are not kept apart, so of many poses the one is
 fewest do. The T-pose and its neighbours are asked first: their arms are far from everything.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -39,7 +40,7 @@ def search(robot: Geometry, neck: str) -> Found | None:
         neck: skeleton.NECKS.
     """
     best: tuple[tuple, Found] | None = None
-    for rank, (how, q) in enumerate(_candidates(robot, neck)):
+    for rank, (how, q) in enumerate(candidates(robot, neck)):
         found = _judged(robot, q, how)
         if found is None:
             continue
@@ -83,10 +84,10 @@ def _judged(robot: Geometry, q: np.ndarray, how: str) -> Found | None:
     return Found(q, how, float(min(watched)), overlaps)
 
 
-def _candidates(robot: Geometry, neck: str):
+def candidates(robot: Geometry, neck: str) -> Iterator[tuple[str, np.ndarray]]:
     """Poses in the order in which they are asked, with a word on each."""
     shown = chain.build(robot, np.empty((0, 2), np.int64), neck)
-    middle = np.clip(np.zeros(robot.n_dof), robot.lower, robot.upper)
+    middle = zero(robot)
     starts = np.concatenate([middle[None], sense.poses(robot, 24)])[None]
     room = 0.02 * (robot.upper - robot.lower)
     for lift in _LIFTS:
@@ -108,6 +109,11 @@ def _candidates(robot: Geometry, neck: str):
     yield "zero", middle
     for q in sense.poses(robot, _RANDOM + 1)[1:]:
         yield "search", np.round(robot.lower + (q - robot.lower) * 0.96 + room, 4)
+
+
+def zero(robot: Geometry) -> np.ndarray:
+    """All joints at zero, or as near as limits let [rad], (n_dof,)."""
+    return np.clip(np.zeros(robot.n_dof), robot.lower, robot.upper)
 
 
 def _arms_out(lift: float) -> np.ndarray:

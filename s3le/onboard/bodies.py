@@ -144,6 +144,13 @@ def _piece(link: str, shape: Shape, most: int) -> Made:
     )  # fmt: skip
 
 
+def rebuilt(body: Made) -> ElementTree.Element:
+    """A link of nothing but one piece's bodies."""
+    item = ElementTree.Element("link")
+    item.extend(body.elements)
+    return item
+
+
 def _list(link: str, rows: np.ndarray) -> Made:
     elements = []
     for x, y, z, radius in rows:

@@ -16,6 +16,7 @@ SLACK = 1e-9  # [m] added to a radius, so that rounding leaves no vertex outside
 WORTH = 0.08  # of the volume that each further capsule must save
 CLOSE = 0.015  # [m] a capsule that sticks out no farther is not shared
 _PROBES = 3000  # points that measure the volume of several capsules together
+_MANY = 2000  # points
 _SEARCHED = 120  # extreme points that stand for a mesh while a capsule is searched
 
 
@@ -156,6 +157,8 @@ def hull_volume(points: np.ndarray) -> float:
 
 def extreme(points: np.ndarray) -> np.ndarray:
     """Up to _SEARCHED points that lie farthest in evenly spread directions, (k, 3)."""
+    if len(points) > _MANY:  # sorting that many takes longer than all the rest
+        points = points[np.unique((points @ directions(_SEARCHED).T).argmax(axis=0))]
     points = np.unique(points, axis=0)
     if len(points) <= _SEARCHED:
         return points

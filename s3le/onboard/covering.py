@@ -72,6 +72,15 @@ def cover(
     links = {link.get("name"): link for link in source.root.findall("link")}
     for body in made:
         links[body.link].extend(body.elements)
+    return settle(source, made, most, spheres, allowance, collision_only)
+
+
+def settle(
+    source: Source, made: list[Made], most: int, spheres: Mapping[str, np.ndarray],
+    allowance: float, collision_only: bool,
+) -> Covered:  # fmt: skip
+    """Hold what is drawn against bodies that are in the URDF's elements (see cover)."""
+    links = {link.get("name"): link for link in source.root.findall("link")}
     found = measure(source.model, source.root, source.drawn, list(source.unread))
     notes = []
     for link, item in found.items():

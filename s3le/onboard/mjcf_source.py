@@ -12,7 +12,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from s3le.errors import RobotError
-from s3le.onboard import mjcf, mjcf_tree, source
+from s3le.onboard import mjcf, mjcf_tree, source, stand
 from s3le.onboard.capsules import directions
 from s3le.onboard.source import Shape, Source
 from s3le.robot.model import FARTHEST
@@ -75,7 +75,8 @@ def read(path: Path, collision_only: bool = False) -> Source:
             drawn.setdefault(link, []).append(shape)
     drawn = {link: found for link, found in drawn.items() if link not in unread}
     apart = {frozenset(renamed.get(k, k) for k in pair): why for pair, why in robot.apart.items()}
-    found = Source(path, root, shapes, drawn, unread, model, renamed, notes, robot.joints, apart)
+    found = Source(path, root, shapes, drawn, unread, model, renamed, notes, robot.joints, apart,
+                   stand.keys(document.root, robot.width))  # fmt: skip
     found.settle(collision_only)
     return found
 

@@ -39,6 +39,7 @@ class Robot:
     passive: list[str]  # that none drives although others are driven
     apart: dict[frozenset[str], str]  # pairs of links that <exclude> takes off, and why
     notes: list[str] = field(default_factory=list)
+    width: dict[str, int] = field(default_factory=dict)  # numbers in qpos of each joint, in order
 
 
 def build(document: mjcf.Document) -> Robot:
@@ -55,7 +56,8 @@ def build(document: mjcf.Document) -> Robot:
     some = driven & set(builder.order)
     joints = [name for name in builder.order if name in driven or not some]
     passive = [name for name in builder.order if name not in joints]
-    return Robot(builder.root, builder.geoms, joints, passive, builder.apart(), builder.notes)
+    return Robot(builder.root, builder.geoms, joints, passive, builder.apart(), builder.notes,
+                 builder.width)  # fmt: skip
 
 
 class _Builder:
@@ -66,6 +68,7 @@ class _Builder:
         self.geoms: list[Geom] = []
         self.order: list[str] = []  # joints that move, in MuJoCo's order
         self.refs: dict[str, float] = {}  # of them: position in the file's own pose [rad], [m]
+        self.width: dict[str, int] = {}  # of all joints that MuJoCo has, numbers in its qpos
         self.notes: list[str] = []
         self.links: set[str] = set()  # names that are taken
         self.built: set[str] = set()
@@ -169,6 +172,7 @@ class _Builder:
             raise RobotError(f"{where} floats although it hangs on '{parent}', which is not read")
         if parent is None:
             at, parent = pin.SE3.Identity(), name
+            self.width["<freejoint>"] = 7
             self._link(name)
             if joints:
                 raise RobotError(f"{where} floats and has further joints, which is not read")
@@ -215,6 +219,7 @@ class _Builder:
         frame: pin.SE3, where: str,
     ) -> None:  # fmt: skip
         kind = said.get("type", "hinge")
+        self.width[name] = 4 if kind == "ball" else 1
         self._link(child)
         if kind == "ball":
             self.notes.append(f"'{name}' is a ball joint, which is not read; it stands still")

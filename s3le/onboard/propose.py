@@ -13,7 +13,18 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.onboard import anchor, bodies, covering, hulls, limbs, reading, source
+from s3le.onboard import (
+    anchor,
+    bodies,
+    covering,
+    hulls,
+    limbs,
+    motion,
+    reading,
+    source,
+    stand,
+    tight,
+)
 from s3le.onboard.tree import Tree
 from s3le.robot import model, sense, srdf
 from s3le.robot.description import MAPPED
@@ -23,6 +34,7 @@ from s3le.store.atomic import replace
 
 TURNED = 0.01  # chord of a unit vector; a joint that moves none farther drops out
 SPEED = np.pi  # [rad/s] where the URDF names no limit that can be one
+_FREE = 0.006  # [m] beyond the margin that parts keep where arms hang: capsules are no hulls
 FASTEST = 60.0  # [rad/s] a limit beyond is a placeholder
 
 
@@ -48,7 +60,7 @@ def propose(
     packages: Sequence[Path] = (),
     srdf_file: Path | None = None,
     spheres: Path | None = None,
-    most: int = bodies.MOST,
+    most: int = tight.MOST,
     collision_only: bool = False,
     with_hulls: bool = False,
     allowance: float = covered.ALLOWANCE,
@@ -86,7 +98,9 @@ def propose(
     tree = Tree(origin.model)
     moving = _moving(tree, found, origin, look)
     _continuous(origin, moving, look)
-    made, record, notes = covering.cover(origin, most, given, allowance, collision_only)
+    few = min(most, bodies.MOST)
+    chosen = not origin.drawn and origin.root.find(covered.TAG) is not None  # by an earlier `new`
+    made, record, notes = covering.cover(origin, few, given, allowance, collision_only)
     look += notes
     _refuse_bare(tree, found, made, urdf)
     links = {link.get("name") for link in origin.root.findall("link")}
@@ -97,8 +111,6 @@ def propose(
         files[f"urdf/{name}.srdf"] = srdf.text(name, kept).encode()
         by = "SRDF" if srdf_file else "MJCF's <exclude>"
         sure.append(f"{by}: {len(kept)} pairs of links taken off, all of them listed")
-    if with_hulls:
-        files[f"urdf/{name}.hulls.npz"] = hulls.pack(origin)
     hold = _hold(tree, origin, moving, look)
     speeds = _speeds(tree, moving, look)
     plan = _Plan(name, found.points, found.base, moving, hold, {}, speeds, files)
@@ -118,6 +130,22 @@ def propose(
                 plan.hold[joint] = at
         robot = plan.load(Path(folder))
         sense.refuse_nonsense(robot)
+        poses = origin.poses | (stand.named(srdf_file) if srdf_file else {})
+        work = tight.Work(origin, robot, made, margin, most)
+        standing, out = _standing(robot, neck, work, poses, margin)
+        plan.stand = dict(zip(robot.joint_names, standing.q.tolist(), strict=True))
+        if not chosen:
+            made, said = work.tighten([standing.q, out, anchor.zero(robot)])
+            sure += said
+            made, record, notes = covering.settle(
+                origin, made, few, given, allowance, collision_only
+            )
+            look += [note for note in notes if note not in look]
+            text = source.text(origin.root)
+            files[f"urdf/{name}.urdf"] = text.encode()
+            robot = plan.load(Path(folder))
+        if with_hulls:
+            files[f"urdf/{name}.hulls.npz"] = hulls.pack(origin)
         best = anchor.search(robot, neck)
         if best is None and (always := anchor.always(robot, neck)):
             look.append(
@@ -139,6 +167,7 @@ def propose(
             joint: float(angle)
             for joint, angle in zip(robot.joint_names, best.q, strict=True) if angle != 0.0
         }  # fmt: skip
+        sure.append(f"stand: {standing.how}")
         plan.notes = [f"sure: {line}" for line in sure] + [f"look: {line}" for line in look]
         files[f"{name}.yaml"] = plan.text().encode()
         plan.load(Path(folder))
@@ -148,6 +177,16 @@ def propose(
         f"{best.overlaps} pairs overlap there and are not watched"
     )
     return Proposal(name, Path(urdf), made, record, best, sure, look, files)
+
+
+def _standing(
+    robot: model.Geometry, neck: str, work: tight.Work, poses: Mapping[str, Mapping[str, float]],
+    margin: float,
+) -> tuple[stand.Stand, np.ndarray]:  # fmt: skip
+    """How the robot stands, and a pose with its arms held out (zero where it has none)."""
+    out = next((q for _, q in anchor.candidates(robot, neck)), anchor.zero(robot))
+    clear = motion.clearance(robot, work.pieces, out, frozenset(robot.disabled))
+    return stand.propose(robot, poses, clear, margin + _FREE), out
 
 
 @contextlib.contextmanager
@@ -198,6 +237,7 @@ class _Plan:
     velocity: dict[str, float]
     files: dict[str, bytes]
     notes: list[str] | None = None
+    stand: dict[str, float] | None = None
 
     def load(self, folder: Path) -> model.Geometry:
         """The robot that the files so far describe, from a folder of their own."""
@@ -234,6 +274,7 @@ class _Plan:
             "# A feasible pose, from which projection can always start [rad].",
             f"anchor: {_flow(self.anchor)}",
             "",
+            *self._stands(),
             "# Limits [rad/s] that stand for the URDF's.",
             f"velocity: {_flow(self.velocity)}",
             "",
@@ -241,6 +282,12 @@ class _Plan:
             "pair_inflation: 1.1",
         ]
         return "\n".join(lines) + "\n"
+
+    def _stands(self) -> list[str]:
+        if self.stand is None:
+            return []
+        named = {joint: angle for joint, angle in self.stand.items() if angle != 0.0}
+        return ["# How it stands, arms hanging [rad].", f"stand: {_flow(named)}", ""]
 
 
 def _roles(points: Mapping[str, object]) -> list[str]:

@@ -57,6 +57,7 @@ class Source:
     notes: list[str] = field(default_factory=list)
     order: list[str] | None = None  # of joints that may move, where the file has one of its own
     apart: dict[frozenset[str], str] = field(default_factory=dict)  # links not to be watched, why
+    poses: dict[str, dict[str, float]] = field(default_factory=dict)  # that the file holds, by name
 
     def settle(self, collision_only: bool) -> None:
         """Let what is drawn stand for collision geometry where a link has none, and say so."""

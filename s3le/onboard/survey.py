@@ -34,6 +34,14 @@ class Survey(NamedTuple):
     turning: list[str]  # bones that are followed
     hulls: hulls.Depths | None  # of feasible poses
     hull_pairs: list[tuple[str, int, float]]  # links, poses in which they overlap, deepest [m]
+    standing: "Standing | None"  # None: the robot file does not say how it stands
+
+
+class Standing(NamedTuple):
+    """What there is to know of the pose in which a robot stands."""
+
+    clearance: float  # [m] over the watched pairs
+    forbid: list[tuple[int, float, float | None]]  # watched pair, [m] by bodies, by hulls if known
 
 
 def survey(robot: Robot, poses: int) -> Survey:
@@ -71,8 +79,45 @@ def survey(robot: Robot, poses: int) -> Survey:
         kernel, coal, float(np.abs(report.clearance - clearance[: len(some)]).max()),
         {s: float(np.linalg.norm(at[f"{s}_hand"] - at[f"{s}_shoulder"], axis=1).max())
          for s in robot.arms},
-        list(robot.vectors), found, listed,
+        list(robot.vectors), found, listed, standing(robot),
     )  # fmt: skip
+
+
+def standing(robot: Robot) -> Standing | None:
+    """Which pairs of bodies keep a robot from its stand pose, and what its hulls say of them."""
+    if robot.stand is None:
+        return None
+    q = robot.stand[None]
+    apart = batch.pair_distances(robot.chain, q)[0]
+    rows = np.flatnonzero(~(apart >= robot.margin))
+    known: dict[frozenset[str], float] = {}
+    if len(rows) and robot.description.hulls:
+        check = hulls.HullCheck(robot)
+        for (a, b), far in zip(check.pairs, check.distances(q)[0], strict=True):
+            two = frozenset((check.links[a], check.links[b]))
+            known[two] = min(known.get(two, np.inf), float(far))
+    forbid = []
+    for row in rows[np.argsort(apart[rows], kind="stable")]:
+        two = frozenset(robot.bodies[body].link for body in robot.watched[row])
+        forbid.append((int(row), float(apart[row]), known.get(two)))
+    return Standing(float(apart.min()), forbid)
+
+
+def stands(robot: Robot, found: Standing | None, every: bool = True) -> list[str]:
+    """What a person is told of the stand pose."""
+    if found is None:
+        return ["stand: the robot file does not say how it stands (key stand)"]
+    if not found.forbid:
+        return [f"stand: its bodies let it stand, {found.clearance * 1e3:.0f} mm clear"]
+    said = []
+    for row, far, hull in found.forbid:
+        more = "" if hull is None else f", {hull * 1e3:.0f} mm by hulls of the meshes"
+        said.append(f"{robot.pair_name(row)} ({far * 1e3:.0f} mm by bodies{more})")
+    return [
+        f"stand: {len(found.forbid)} pairs of bodies forbid it, below the margin of "
+        f"{robot.margin * 1e3:g} mm:",
+        *_some(said, every),
+    ]
 
 
 def _given(robot: Robot) -> list[str]:
@@ -125,6 +170,7 @@ def lines(robot: Robot, found: Survey, every: bool) -> list[str]:
     names = {"r": "right", "l": "left"}
     for side, far in found.reach.items():
         out.append(f"reach: {names[side]} hand up to {far * 1e3:.0f} mm from its shoulder")
+    out += stands(robot, found.standing, every)
     out += _drawn(robot)
     reasons = Counter(pair.reason for pair in robot.pairs)
     kept = sum(reasons[reason] for reason in pairs.KEPT)

@@ -48,6 +48,7 @@ class HullCheck:
         self._model, _ = robot.reduced()
         self._geometry = pin.GeometryModel()
         self.links: list[str] = []
+        self._corners: list[np.ndarray] = []
         for name, corners in _arrays(file, own).items():
             link = name.rpartition("/")[0]
             if not self._model.existFrame(link, pin.FrameType.BODY):
@@ -58,6 +59,7 @@ class HullCheck:
             )
             self._geometry.addGeometryObject(item)
             self.links.append(link)
+            self._corners.append(corners)
         joints = [item.parentJoint for item in self._geometry.geometryObjects]
         solid = set(joints)
         self.pairs = [
@@ -101,6 +103,12 @@ class HullCheck:
         pair[rows] = found[rows].argmin(axis=1)
         depth[rows] = -found[rows, pair[rows]]
         return Depths(depth, pair)
+
+    def placed(self, q: np.ndarray) -> list[np.ndarray]:
+        """Corners of each hull at a pose (n_dof,) [rad]: (n, 3) [m], in the base's frame."""
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._scratch, q)
+        return [corners @ at.rotation.T + at.translation
+                for corners, at in zip(self._corners, self._scratch.oMg, strict=True)]  # fmt: skip
 
     def name(self, row: int) -> str:
         """The two links of a pair."""
