@@ -79,7 +79,7 @@ def _judged(robot: Geometry, q: np.ndarray, how: str) -> Found | None:
         return None
     if rules.anchor_collision(at, listed):
         return None
-    watched = [pair.clearance for pair in listed if pair.reason in rules.KEPT]
+    watched = [pair.clearance for pair in listed if pair.reason == rules.WATCHED]
     overlaps = sum(pair.reason in rules.BY_DESIGN for pair in listed)
     return Found(q, how, float(min(watched)), overlaps)
 

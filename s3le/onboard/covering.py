@@ -18,6 +18,7 @@ from s3le.onboard.bodies import Made, make, of_shapes
 from s3le.onboard.capsules import Capsule, directions, extreme, spread, to_segment, volume
 from s3le.onboard.source import Shape, Source
 from s3le.robot.model import containing_capsule_of_box, containing_capsule_of_cylinder
+from s3le.robot.urdf import FINE
 from s3le.safety.covered import TAG, Drawn, Record, mark, say
 
 _FINE = 0.02  # [m], longest edge of a triangle that has no points but its corners
@@ -165,9 +166,11 @@ def measure(
 
 
 def bodies_of(link: ElementTree.Element) -> Capsules:
-    """What the model makes of a link's bodies, in the link's frame."""
+    """What the model makes of a link's usual bodies, in the link's frame."""
     found = []
     for item in link.findall("collision"):
+        if item.get("name") == FINE:  # contain the link too, each part of it by its own
+            continue
         origin = item.find("origin")
         words = {} if origin is None else dict(origin.items())
         xyz, rpy = (np.array(words.get(k, "0 0 0").split(), float) for k in ("xyz", "rpy"))

@@ -23,6 +23,7 @@ POSES = 300  # as people move
 BAND = 0.005  # [m] beyond the margin in which room counts already
 _WISHED = 0.009  # [m] the same in named poses
 OUT = 1  # of the named poses the one whose overlaps bodies may keep: arms held out
+_AIMED = 0.002  # [m] beyond the margin that capsules are to keep in a named pose
 _TOUCH = 0.01  # [m] pieces as near in all named poses are built to each other
 _DEEP = 0.02  # [m] of room that counts as one
 _LEAN = np.radians(15.0)  # [rad] spread of trunk joints
@@ -177,7 +178,7 @@ class Room:
                     found = coal.DistanceResult()
                     at = [_transform(places[k][p.joint + 1] * p.stands) for p in (one, two)]
                     coal.distance(one.solid, at[0], two.solid, at[1], ask, found)
-                    touch += k < self.shown.named and found.min_distance < _TOUCH
+                    touch += int(k < self.shown.named and found.min_distance < _TOUCH)
                     if found.min_distance >= self.margin:
                         rows.append(k)
                         far.append(found.min_distance)
@@ -193,10 +194,12 @@ class Room:
         held = [*one.capsules, *two.capsules]
         k = len(one.capsules)
         frames = [one.joint + 1] * k + [two.joint + 1] * (len(held) - k)
+        pair = np.array([(a, b) for a in range(k) for b in range(k, len(held))], np.int64)
         made = self._plain._replace(
+            slack=np.zeros(len(pair)), floor=np.zeros(len(pair)),
             body_frame=np.array(frames, np.int64), body_a=np.array([c.a for c in held]),
             body_b=np.array([c.b for c in held]), body_radius=np.array([c.radius for c in held]),
-            pair=np.array([(a, b) for a in range(k) for b in range(k, len(held))], np.int64),
+            pair=pair,
         )  # fmt: skip
         return batch.pair_distances(made, self.shown.q[rows]).min(axis=1)
 
@@ -212,12 +215,16 @@ class Room:
         return self.shown.weight[near.rows] * np.maximum(taken[0] - taken[1], 0.0)
 
     def forbids(self, pair: tuple[int, int]) -> bool:
-        """Do capsules of two pieces forbid the first named pose, and they themselves do not?"""
+        """Do capsules of two pieces forbid a named pose, or nearly, and they themselves do not?
+
+        Those that touch in all named poses are not asked: they are built so.
+        """
         near = self.near[pair]
-        if not len(near.rows) or near.rows[0] != 0:
+        named = near.rows < self.shown.named
+        if near.tied or not named.any():
             return False
-        held = self.apart(self.pieces[pair[0]], self.pieces[pair[1]], np.array([0, OUT]))
-        return bool(held[0] < (min(self.margin, held[1]) if near.tied else self.margin))
+        held = self.apart(self.pieces[pair[0]], self.pieces[pair[1]], near.rows[named])
+        return bool((held < np.minimum(self.margin + _AIMED, near.far[named])).any())
 
     def cost(self, pair: tuple[int, int]) -> float:
         """The room of a pair, over all poses."""

@@ -24,6 +24,7 @@ from s3le.onboard import (
     source,
     stand,
     tight,
+    touching,
 )
 from s3le.onboard.tree import Tree
 from s3le.robot import model, sense, srdf
@@ -135,12 +136,9 @@ def propose(
         standing, out = _standing(robot, neck, work, poses, margin)
         plan.stand = dict(zip(robot.joint_names, standing.q.tolist(), strict=True))
         if not chosen:
-            made, said = work.tighten([standing.q, out, anchor.zero(robot)])
+            finer, said = work.tighten([standing.q, out, anchor.zero(robot)])
+            plan.finer = sorted(map(sorted, finer))
             sure += said
-            made, record, notes = covering.settle(
-                origin, made, few, given, allowance, collision_only
-            )
-            look += [note for note in notes if note not in look]
             text = source.text(origin.root)
             files[f"urdf/{name}.urdf"] = text.encode()
             robot = plan.load(Path(folder))
@@ -167,6 +165,12 @@ def propose(
             joint: float(angle)
             for joint, angle in zip(robot.joint_names, best.q, strict=True) if angle != 0.0
         }  # fmt: skip
+        robot = plan.load(Path(folder))
+        taken, said = _touching(robot, work, [standing.q, out])
+        look += said
+        if taken:
+            text_of = srdf.text(name, robot.disabled | taken)
+            files[f"urdf/{name}.srdf"] = text_of.encode()
         sure.append(f"stand: {standing.how}")
         plan.notes = [f"sure: {line}" for line in sure] + [f"look: {line}" for line in look]
         files[f"{name}.yaml"] = plan.text().encode()
@@ -177,6 +181,25 @@ def propose(
         f"{best.overlaps} pairs overlap there and are not watched"
     )
     return Proposal(name, Path(urdf), made, record, best, sure, look, files)
+
+
+def _touching(
+    robot: model.Geometry, work: tight.Work, named: Sequence[np.ndarray]
+) -> tuple[dict[frozenset[str], str], list[str]]:
+    """Pairs of links that touch by design and are taken off, why; and what to look at."""
+    taken, look = {}, []
+    shown = motion.poses(robot, [robot.anchor, *named], 1.0)
+    for one in touching.locked(robot, work.pieces, shown):
+        names = " and ".join(sorted(one.links))
+        if one.touches:
+            taken[one.links] = one.why()
+            look.append(f"{names} are taken off in the SRDF: {one.why()}")
+        else:
+            look.append(
+                f"{names}: their bodies overlap, though the drawings are {one.gap[0] * 1e3:.0f} mm "
+                f"apart; held to that, {one.share:.0%} of poses as people move are forbidden"
+            )
+    return taken, look
 
 
 def _standing(
@@ -238,6 +261,7 @@ class _Plan:
     files: dict[str, bytes]
     notes: list[str] | None = None
     stand: dict[str, float] | None = None
+    finer: Sequence[Sequence[str]] = ()
 
     def load(self, folder: Path) -> model.Geometry:
         """The robot that the files so far describe, from a folder of their own."""
@@ -281,6 +305,9 @@ class _Plan:
             "# Bodies that overlap at the anchor, grown by this, are neighbours or do by design.",
             "pair_inflation: 1.1",
         ]
+        if self.finer:
+            lines += ["", "# Pairs of links that are watched by their finer bodies.",
+                      f"finer: {_flow([list(pair) for pair in self.finer])}"]  # fmt: skip
         return "\n".join(lines) + "\n"
 
     def _stands(self) -> list[str]:

@@ -108,7 +108,8 @@ def read(path: Path, packages: Sequence[Path] = (), collision_only: bool = False
     for link in tree.findall("link"):
         name = link.get("name", "")
         capsules = {item.get("name") for item in link.findall("collision_checking/capsule")}
-        if found := [_shape(path, name, i, capsules, finder) for i in link.findall("collision")]:
+        usual = [item for item in link.findall("collision") if item.get("name") != urdf.FINE]
+        if found := [_shape(path, name, item, capsules, finder) for item in usual]:
             shapes[name] = found
         try:
             seen = [_shape(path, name, item, set(), finder) for item in link.findall("visual")]

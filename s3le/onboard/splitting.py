@@ -20,12 +20,12 @@ WAYS = directions(250)  # in which reach is asked while a capsule is searched
 _POWER = 6  # of the mean over directions: near enough to the largest, and smooth enough
 _EVALUATIONS = 120  # of one round of the search for a capsule
 
-_THIN = 1e-4  # [m], a cell is not thinner
+_THIN = 5e-3  # [m], a cell is not thinner
 _ALONG = 0.995  # cosine between main axes and the frame's from which on they are the same
 _SOME = directions(100)
 _GRIDS = sorted(
-    ((x, y, z) for x in range(1, 5) for y in range(1, 5) for z in range(1, 5)
-     if 1 < x * y * z <= 4 and max(x, y, z) < 4), key=lambda counts: (int(np.prod(counts)), counts)
+    ((x, y, z) for x in range(1, 4) for y in range(1, 4) for z in range(1, 4)
+     if 1 < x * y * z <= 2), key=lambda counts: (int(np.prod(counts)), counts)
 )  # fmt: skip
 
 
@@ -72,12 +72,14 @@ class Splitter:
             for counts in _GRIDS:
                 cells = _cells(part.points, edges, frame, counts)
                 if len(cells) == np.prod(counts):
-                    yield [Part(cell, self._crude(cell)) for cell in cells]
+                    made = [Part(cell, self._crude(cell)) for cell in cells]
+                    if all(np.isfinite([*one.capsule.a, one.capsule.radius]).all() for one in made):
+                        yield made
 
     def _crude(self, points: np.ndarray) -> Capsule:
         outer = _outer(points)
         ways = [*np.eye(3), *_axes(outer)]
-        best = min((capsules._crude(outer, w) for w in ways), key=lambda c: self.excess([c]))
+        best = min((capsules._crude(outer, w) for w in ways), key=self._rank)
         return around(points, best.a, best.b)
 
     def fit(self, points: np.ndarray, starts: int = 1) -> Capsule:
@@ -85,10 +87,15 @@ class Splitter:
         outer = _outer(points)
         ways = [*np.eye(3), *_axes(outer), *directions(24)[:12]]
         crude = sorted((capsules._crude(outer, way) for way in ways),
-                       key=lambda c: self.excess([c]))  # fmt: skip
+                       key=self._rank)  # fmt: skip
         found = [self._searched(outer, start) for start in crude[:starts]]
-        best = min(found, key=lambda c: self.excess([c]))
+        best = min([*found, crude[0]], key=self._rank)
         return around(points, best.a, best.b)
+
+    def _rank(self, capsule: Capsule) -> float:
+        """Excess of a capsule; a search that has lost its way comes last."""
+        far = self.excess([capsule])
+        return far if np.isfinite(far) else np.inf
 
     def _searched(self, points: np.ndarray, start: Capsule) -> Capsule:
         size = max(float(np.ptp(points, axis=0).max()), 1e-6)

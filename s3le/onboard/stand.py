@@ -1,15 +1,16 @@
 """How a robot's maker stands it: from its files, or arms hanging as straight as its parts allow."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
-from s3le.robot import markup, sense, srdf
+from s3le.kernels import batch
+from s3le.robot import chain, markup, sense, srdf
 from s3le.robot.model import Geometry
+from s3le.skeleton import BONES
 
 HANGS = 0.7  # least mean cosine of upper arms and forearms with straight down
 _NAMED = ("half_sitting", "stand", "home", "default", "ready")  # poses that files may hold
@@ -98,29 +99,26 @@ def _bones(robot: Geometry, q: np.ndarray) -> dict[str, np.ndarray]:
 def _hung(robot: Geometry, away: float) -> np.ndarray:
     """Waist at zero, arms as near to hanging as limits let, so far outwards [rad]."""
     zero = np.clip(np.zeros(robot.n_dof), robot.lower, robot.upper)
-    trunk = set(robot.path_to(robot.points["neck"].joint))
+    trunk = robot.path_to(robot.points["neck"].joint)
     moving = [j for j in range(robot.n_dof) if j not in trunk]
-    out = {side: np.array([0.0, y * np.sin(away), -np.cos(away)])
-           for side, y in (("r", -1.0), ("l", 1.0))}  # fmt: skip
-
-    def off(angles: np.ndarray) -> float:
-        q = zero.copy()
-        q[moving] = angles
-        bones = _bones(robot, q)
-        far = sum(float(1.0 - bone @ out[name[0]]) for name, bone in bones.items())
-        return far + _PULL * float(((angles - zero[moving]) ** 2).sum())
-
+    low, high = robot.lower.copy(), robot.upper.copy()
+    low[trunk] = high[trunk] = zero[trunk]
+    bare = chain.build(robot, np.empty((0, 2), np.int64), "midpoint")._replace(
+        lower=low, upper=high
+    )
+    x = batch.skeletons(bare, zero[None])[0].reshape(len(BONES), 3).copy()
+    for side, y in (("r", -1.0), ("l", 1.0)):
+        if side in robot.arms:
+            for bone in (f"{side}_shoulder_to_elbow", f"{side}_elbow_to_hand"):
+                x[BONES.index(bone)] = 0.0, y * np.sin(away), -np.cos(away)
+    starts = np.tile(zero, (1, 7, 1))
     rng = np.random.default_rng(0)
-    low, high = robot.lower[moving], robot.upper[moving]
-    bounds: Sequence[tuple[float, float]] = list(zip(low, high, strict=True))
-    starts = [
-        zero[moving],
-        *rng.uniform(np.maximum(low, -1.5), np.minimum(high, 1.5), (6, len(low))),
-    ]
-    found = [minimize(off, start, method="L-BFGS-B", bounds=bounds) for start in starts]
-    best = min(found, key=lambda one: round(float(one.fun), 6))
+    least, most = np.maximum(low[moving], -1.5), np.minimum(high[moving], 1.5)
+    starts[0, 1:, moving] = rng.uniform(least, most, (6, len(moving))).T
+    best = batch.follow(bare, x.reshape(1, -1), starts, zero, _PULL, 0.0, True).q[0]
     q = zero.copy()
-    q[moving] = np.where(np.abs(best.x) < 2e-3, np.clip(0.0, low, high), np.round(best.x, 4))
+    low, high, best = low[moving], high[moving], best[moving]
+    q[moving] = np.where(np.abs(best) < 2e-3, np.clip(0.0, low, high), np.round(best, 4))
     return np.clip(q, robot.lower, robot.upper)
 
 

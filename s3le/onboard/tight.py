@@ -1,12 +1,14 @@
-"""More capsules where limbs pass, fewer where nothing comes: bodies by what they cost in motion.
+"""Finer bodies where limbs pass: as many as pay in motion, for the pairs of links that need them.
 
-Every piece begins with one capsule. The piece that gains the most room for each pair of bodies
-that another capsule adds gets one more, until none gains enough. Room is what capsules forbid and
-the pieces themselves do not, over poses as people move, the stand, zero, and the T-pose.
+Room is what capsules forbid and the pieces themselves do not, over poses as people move, the stand,
+zero, and the T-pose. A pair of links whose usual bodies take some is watched by finer ones
+(s3le.robot.pairs). There every piece begins with one capsule, and the piece that gains the most
+room for each pair of bodies that another capsule adds gets one more, until none gains enough.
 """
 
-from collections import Counter
+import copy
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,13 +19,12 @@ from s3le.onboard.covering import bodies_of
 from s3le.onboard.source import Shape, Source
 from s3le.onboard.splitting import WAYS, Part, Splitter
 from s3le.robot.model import Geometry
+from s3le.robot.urdf import FINE
 
 WORTH = 8e-4  # of room that each further pair must give
-_INSISTS = 0.1  # of WORTH, where a piece keeps the robot from standing
-_SPARE = 0.2  # of the pairs, so many more for the sake of reach
-_SLIM = 4  # capsules that a piece may have for its reach alone
+_INSISTS = 40  # cuts at most, gain or not, where pieces keep the robot from a named pose
 MOST = 16  # capsules of one piece
-REACH = 0.015  # [m] that capsules are to reach at most beyond a piece that an arm carries
+FINER = 4e-3  # of room that the usual bodies of two links may take
 _TRIED = 2  # parts that are cut on trial: those that take most room
 _FITTED = 1  # cuts of each count whose capsules are searched well
 _NAMED = 0.2  # that a named pose counts, beside 1 for all others together
@@ -59,40 +60,60 @@ class Work:
         self.parts: dict[int, list[Part]] = {}  # as they are now
         self.ahead: dict[int, list[list[Part]]] = {}  # ways to go on from there
 
-    def tighten(self, named: Sequence[np.ndarray]) -> tuple[list[Made], list[str]]:
-        """Choose how many capsules each piece has, and put them into the URDF's elements.
+    def tighten(self, named: Sequence[np.ndarray]) -> tuple[set[frozenset[str]], list[str]]:
+        """Put finer bodies into the URDF's elements, and say for which pairs of links.
 
         Args:
             named: poses that matter most [rad], (n_dof,): the stand, arms held out, zero.
 
         Returns:
-            The bodies, in the order of those given, and a line for a person.
+            Pairs of links that are to be watched by their finer bodies, and a line for a person.
         """
         shown = motion.poses(self.robot, named, _NAMED)
         off = frozenset(self.robot.disabled)
-        self.room = motion.Room(self.robot, self.pieces, shown, self.margin, off)
+        coarse = [piece.capsules for piece in self.pieces]
+        self.room = room = motion.Room(self.robot, self.pieces, shown, self.margin, off)
         for k, one in enumerate(self.pieces):
             if not one.exact:
                 self.splits[k] = Splitter(self.shape[k].triangles.reshape(-1, 3))
                 self._settle(k, [self.splits[k].whole()])
-        self.room.measure()
-        self.cost = {pair: self.room.cost(pair) for pair in self.room.near}
-        for k, splitter in self.splits.items():
-            splitter.weights = self.room.sides(k, WAYS @ self.pieces[k].at.rotation.T)
-        before = self.total()
-        self.grow(WORTH, set(self.splits))
-        self.slim()
-        while held := [pair for pair in self.room.near if self.room.forbids(pair)]:
-            if not self.grow(WORTH * _INSISTS, {k for pair in held for k in pair}, 1):
+        room.measure()
+        single = [piece.capsules for piece in self.pieces]
+        self._hold(coarse)
+        taken = {self._links(pair): 0.0 for pair in room.near}
+        for pair in room.near:
+            taken[self._links(pair)] += room.cost(pair) + room.forbids(pair)
+        room.near = {
+            pair: near for pair, near in room.near.items() if taken[self._links(pair)] > FINER
+        }
+        before = sum(room.cost(pair) for pair in room.near)
+        self._hold(single)
+        self.cost = {pair: room.cost(pair) for pair in room.near}
+        asked = {k for pair in room.near for k in pair} & set(self.splits)
+        for k in asked:
+            self.splits[k].weights = room.sides(k, WAYS @ self.pieces[k].at.rotation.T)
+        self.grow(WORTH, asked)
+        for _ in range(_INSISTS):
+            held = [pair for pair in room.near if room.forbids(pair)]
+            worst = sorted(held, key=lambda pair: -self.cost[pair])
+            if not any(self._insist(pair) for pair in worst):
                 break
-        more = sum(len(parts) - 1 for parts in self.parts.values())
-        made = self._written()
-        if not more:
-            return made, []
-        return made, [
-            f"bodies: {more} capsules more than one a piece, where limbs pass; what they take of "
-            f"the room that people use fell from {before:.2f} to {self.total():.2f}"
+        after = sum(self.cost.values())
+        finer = {self._links(pair) for pair in room.near}
+        count = self._written({link for pair in finer for link in pair})
+        if not finer:
+            return finer, []
+        return finer, [
+            f"bodies: {count} finer ones for {len(finer)} pairs of links that come near; what they "
+            f"take of the room that people use fell from {before:.2f} to {after:.2f}"
         ]
+
+    def _hold(self, capsules: Sequence[list[Capsule]]) -> None:
+        for piece, held in zip(self.pieces, capsules, strict=True):
+            piece.capsules = held
+
+    def _links(self, pair: tuple[int, int]) -> frozenset[str]:
+        return frozenset(self.pieces[k].link for k in pair)
 
     def _settle(self, k: int, parts: list[Part]) -> None:
         self.parts[k] = parts
@@ -103,14 +124,38 @@ class Work:
         piece = self.pieces[k]
         piece.capsules = motion.moved([part.capsule for part in parts], piece.at)
 
-    def total(self) -> float:
-        """Room that all capsules take."""
-        return sum(self.cost.values())
+    def _insist(self, pair: tuple[int, int]) -> bool:
+        """Cut what of a pair takes most room, whether that gains at once or not; was there any?"""
+        best: tuple[tuple[float, float], int, list[Part]] | None = None
+        for k in (k for k in pair if k in self.splits and len(self.parts[k]) < self.most):
+            splitter, parts = self.splits[k], self.parts[k]
+            own, other = self.pieces[k], self.pieces[pair[0] if pair[1] == k else pair[1]]
+            rows = self.room.near[pair].rows
+            each = [self.room.apart(replace(own, capsules=[c]), other, rows) for c in own.capsules]
+            n = int(np.argmin(np.min(each, axis=1)))
+            for cells in splitter.cuts(parts[n]):
+                cells = [cell._replace(capsule=splitter.fit(cell.points)) for cell in cells]
+                made = [*parts[:n], *cells, *parts[n + 1 :]]
+                finite = np.isfinite([cell.capsule.radius for cell in cells]).all()
+                if len(made) <= self.most and finite:
+                    score = (
+                        self._score(k, made, [pair]),
+                        splitter.excess([c.capsule for c in cells]),
+                    )
+                    if best is None or score < best[0]:
+                        best = score, k, made
+            self._put(k, self.parts[k])
+        if best is None:
+            return False
+        self._settle(best[1], best[2])
+        for near in self.room.partners(best[1]):
+            self.cost[near] = self.room.cost(near)
+        return True
 
     def price(self, k: int) -> int:
-        """Bodies that a further capsule of a piece makes pairs with."""
-        own = self.pieces[k]
-        return sum(len(p.capsules) for p in self.pieces if p.joint != own.joint)
+        """Pairs that a further capsule of a piece makes."""
+        partners = {j for pair in self.room.partners(k) for j in pair} - {k}
+        return sum(len(self.pieces[j].capsules) for j in partners)
 
     def grow(self, worth: float, among: set[int], most: int | None = None) -> int:
         """Give capsules to those pieces who gain most by them; returns how often.
@@ -172,66 +217,25 @@ class Work:
                 out.append(made)
         return out
 
-    def slim(self) -> None:
-        """Cut what arms carry until it reaches no farther than it should, while pairs stay few."""
-        trunk = {-1, *self.robot.path_to(self.robot.points["neck"].joint)}
-        arms = [k for k in self.splits if self.pieces[k].joint not in trunk]
-        left = _SPARE * self._pairs()
-        tried = [(k, self._slimmer(k)) for k in arms]
-        for k, parts in sorted(tried, key=lambda one: len(one[1]) - len(self.parts[one[0]])):
-            pairs = self.room.partners(k)
-            now = sum(self.room.cost(pair) for pair in pairs)
-            price = (len(parts) - len(self.parts[k])) * self.price(k)
-            if 0 < price <= left and self._score(k, parts, pairs) <= now + WORTH:
-                left -= price
-                self._settle(k, parts)
-            self._put(k, self.parts[k])
-        self.cost = {pair: self.room.cost(pair) for pair in self.room.near}
-
-    def _slimmer(self, k: int) -> list[Part]:
-        """A piece in more capsules, none of which reaches too far; as it is where few do not do."""
-        splitter, parts = self.splits[k], self.parts[k]
-        splitter.weights = np.ones(len(WAYS))
-        while self._reach(k, parts) > REACH:
-            n = int(np.argmax([splitter.excess([part.capsule]) for part in parts]))
-            cells = min(
-                (cut for cut in splitter.cuts(parts[n]) if len(cut) == 2),
-                key=lambda cut: splitter.excess([cell.capsule for cell in cut]), default=None,
-            )  # fmt: skip
-            if cells is None or len(parts) >= min(self.most, _SLIM):
-                return self.parts[k]
-            cells = [cell._replace(capsule=splitter.fit(cell.points)) for cell in cells]
-            parts = [*parts[:n], *cells, *parts[n + 1 :]]
-        return parts
-
-    def _pairs(self) -> int:
-        """Pairs of bodies that can move against each other."""
-        count = Counter[int]()
-        for piece in self.pieces:
-            count[piece.joint] += len(piece.capsules)
-        return (count.total() ** 2 - sum(n * n for n in count.values())) // 2
-
-    def _reach(self, k: int, parts: Sequence[Part]) -> float:
-        return reach_beyond([part.capsule for part in parts], self.splits[k].corners)
-
     def _score(self, k: int, parts: Sequence[Part], pairs: Sequence[tuple[int, int]]) -> float:
         self._put(k, parts)
         return sum(self.room.cost(pair) for pair in pairs)
 
-    def _written(self) -> list[Made]:
-        """The bodies as the URDF has them now."""
-        links = {link.get("name"): link for link in self.source.root.findall("link")}
-        for k, parts in self.parts.items():
-            old = self.made[self.slot[k]]
-            new = remade(old, self.shape[k], parts)
-            self.made[self.slot[k]] = new
-            link = links[old.link]
-            at = list(link).index(old.elements[0])
-            for item in old.elements:
-                link.remove(item)
-            for n, item in enumerate(new.elements):
-                link.insert(at + n, item)
-        return self.made
+    def _written(self, links: set[str]) -> int:
+        """Add the finer bodies of some links to the URDF's elements; how many."""
+        found = {link.get("name"): link for link in self.source.root.findall("link")}
+        count = 0
+        for k, piece in enumerate(self.pieces):
+            if piece.link not in links:
+                continue
+            own = self.made[self.slot[k]]
+            made = own if k not in self.parts else remade(own, self.shape[k], self.parts[k])
+            for item in made.elements:
+                item = copy.deepcopy(item)
+                item.set("name", FINE)
+                found[piece.link].append(item)
+                count += 1
+        return count
 
 
 def remade(old: Made, shape: Shape, parts: Sequence[Part]) -> Made:

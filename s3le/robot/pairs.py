@@ -3,8 +3,8 @@
 A pair is watched unless its capsules, grown by `pair_inflation`, overlap at the anchor pose (the
 rule of the paper's authors; it needs no SRDF and works for any URDF). Of those that do:
 
-- neighbours, joined by a joint, touch by design and are not watched; their distance depends on
-  that joint alone, and how they overlap over its range is told;
+- neighbours, joined by a joint, touch by design and are not watched (those that do so at `stand`
+  neither); their distance depends on that joint alone, and how they overlap over it is told;
 - others are held to their *baseline*, the deepest that they overlap at the anchor, at zero and at
   `stand`: nowhere more than DEEPER beyond it. Where no angles can bring them deeper that is proven
   once (robot/bounded.py); the rest are watched, their distance counted from the baseline.
@@ -101,6 +101,7 @@ def all_pairs(robot: Geometry, proven: bool = True) -> list[Pair]:
     """
     at_anchor = placements(robot, robot.anchor)
     others = [placements(robot, pose) for pose in _standing(robot)]
+    solid = {body.joint for body in robot.bodies}
     kinds = body_kinds(robot)
     finer = {body.link for body in robot.bodies if body.fine}
     pairs = []
@@ -118,7 +119,12 @@ def all_pairs(robot: Geometry, proven: bool = True) -> list[Pair]:
                 for body in (robot.bodies[a], robot.bodies[b])
             ):
                 pair = pair._replace(reason=OTHERWISE)
-            elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0:
+            elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0 or (
+                # Neighbours that touch where the robot stands touch by design too.
+                robot.stand is not None
+                and not solid & set(_between(robot, *(robot.bodies[k].joint for k in (a, b)))[1:-1])
+                and _distance(robot, others[1], a, b, robot.pair_inflation) <= 0.0
+            ):
                 deepest = min(_distance(robot, at, a, b, 1.0) for at in (at_anchor, *others))
                 pair = _by_design(robot, pair, deepest, proven)
             pairs.append(pair)

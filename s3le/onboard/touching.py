@@ -1,0 +1,89 @@
+"""Links that touch by design and would be locked if they were held to that: taken off, and said.
+
+A pair that overlaps at the anchor is held to its baseline (robot/pairs.py). Where the drawings
+themselves touch there, as a waist's two axes in one housing do, that may forbid motion for which
+the robot was built. Such pairs go into the SRDF, with what they would forbid and how deep the
+drawings overlap, and every certificate lists them as not covered.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from s3le.kernels import batch
+from s3le.onboard.motion import Piece, Shown
+from s3le.robot import chain, pairs
+from s3le.robot.model import Geometry
+
+LOCKED = 0.01  # of poses as people move that a pair may forbid before it counts as locked
+TOUCH = 0.005  # [m], drawings nearer than this at a named pose touch
+
+
+class Locked(NamedTuple):
+    """A pair of links that holds a robot still."""
+
+    links: frozenset[str]
+    share: float  # of the poses that it forbids
+    gap: tuple[float, float]  # [m], least distance of the drawings in named poses, and in any seen
+
+    @property
+    def touches(self) -> bool:
+        """Do the drawings touch where the robot stands? Then it was built so."""
+        return self.gap[0] < TOUCH
+
+    def why(self) -> str:
+        """Why it is not watched, in a few words."""
+        deep = -self.gap[1] * 1e3
+        drawn = f"overlap by up to {deep:.0f} mm" if deep > 0.0 else f"come within {-deep:.1f} mm"
+        return (
+            f"touch by design: hulls of the drawings {drawn}; watched, {self.share:.0%} of poses "
+            "would be forbidden"
+        )
+
+
+def locked(robot: Geometry, pieces: Sequence[Piece], shown: Shown) -> list[Locked]:
+    """Pairs of links that are held to a baseline and forbid many poses.
+
+    Args:
+        robot: with its anchor.
+        pieces: its parts as they are drawn.
+        shown: poses as people move, named ones first.
+    """
+    held = [pair for pair in pairs.all_pairs(robot) if pair.reason == pairs.BASELINE]
+    if not held:
+        return []
+    listed = np.array([(pair.a, pair.b) for pair in held])
+    apart = batch.pair_distances(chain.build(robot, listed, "midpoint"), shown.q[shown.named :])
+    deeper = apart < np.minimum([p.baseline for p in held], 0.0) - pairs.RESTING
+    links = [frozenset((robot.bodies[p.a].link, robot.bodies[p.b].link)) for p in held]
+    found = []
+    for two in dict.fromkeys(links):
+        share = float(deeper[:, [link == two for link in links]].any(axis=1).mean())
+        if share > LOCKED:
+            found.append(Locked(two, share, _gap(robot, pieces, two, shown)))
+    return found
+
+
+def _gap(
+    robot: Geometry, pieces: Sequence[Piece], links: frozenset[str], shown: Shown
+) -> tuple[float, float]:
+    """Least distance of the pieces of two links at the named poses, and at some others too."""
+    model, _ = robot.reduced()
+    data, ask = model.createData(), coal.DistanceRequest()
+    one, other = ([piece for piece in pieces if piece.link == link] for link in sorted(links))
+    found = []
+    for q in shown.q[: shown.named + 100]:
+        pin.forwardKinematics(model, data, q)
+        least = np.inf
+        for a in one:
+            for b in other:
+                at = [data.oMi[p.joint + 1] * p.stands for p in (a, b)]
+                placed = [coal.Transform3s(p.rotation, p.translation) for p in at]
+                result = coal.DistanceResult()
+                coal.distance(a.solid, placed[0], b.solid, placed[1], ask, result)
+                least = min(least, float(result.min_distance))
+        found.append(least)
+    return float(min(found[: shown.named])), float(min(found))
