@@ -16,6 +16,10 @@ BETWEEN = 0.0005
 ALGEBRA = 1e-9  # [m]
 
 
+def covered():
+    return coman(name="coman_covered")
+
+
 def raw(made, pair, q):
     """Signed distance of a pair at poses [m], by the definition and no baseline."""
     radii = made.bodies[pair.a].radius + made.bodies[pair.b].radius
@@ -35,12 +39,12 @@ def some(made, reason):
 
 @cache
 def poses():
-    return inside_limits(coman(), 4000, 11)
+    return inside_limits(covered(), 4000, 11)
 
 
 @pytest.mark.parametrize("reason", [BASELINE, BOUNDED])
 def test_the_baseline_is_the_deepest_at_the_anchor_and_at_zero(reason):
-    made = coman()
+    made = covered()
     assert some(made, reason)
     stands = np.stack([made.anchor, np.clip(np.zeros(made.n_dof), made.lower, made.upper)])
     for pair in some(made, reason):
@@ -48,7 +52,7 @@ def test_the_baseline_is_the_deepest_at_the_anchor_and_at_zero(reason):
 
 
 def test_what_is_proven_never_deeper_is_never_deeper_and_what_is_not_is_somewhere():
-    made, q = coman(), poses()[:1500]
+    made, q = covered(), poses()[:1500]
     for pair in some(made, BOUNDED):
         assert raw(made, pair, q).min() >= pair.baseline - DEEPER
     for pair in some(made, BASELINE):
@@ -56,7 +60,7 @@ def test_what_is_proven_never_deeper_is_never_deeper_and_what_is_not_is_somewher
 
 
 def test_the_proof_takes_no_floor_that_some_pose_is_below():
-    made, q = coman(), poses()[:800]
+    made, q = covered(), poses()[:800]
     for pair in some(made, BOUNDED):
         one, other = made.bodies[pair.a], made.bodies[pair.b]
         seen = raw(made, pair, q).min()
@@ -65,7 +69,7 @@ def test_the_proof_takes_no_floor_that_some_pose_is_below():
 
 
 def test_the_range_of_neighbours_holds_all_that_poses_show():
-    made, q = coman(), poses()[:400]
+    made, q = covered(), poses()[:400]
     for pair in some(made, NEIGHBOURS):
         one, other = made.bodies[pair.a], made.bodies[pair.b]
         found = raw(made, pair, q)
@@ -75,7 +79,7 @@ def test_the_range_of_neighbours_holds_all_that_poses_show():
 
 
 def test_every_pair_but_neighbours_is_covered():
-    made = coman()
+    made = covered()
     assert {p.reason for p in made.pairs if p.reason not in SURE} == {NEIGHBOURS}
     body = [one.joint for one in made.bodies]
     for pair in some(made, NEIGHBOURS):
@@ -84,7 +88,7 @@ def test_every_pair_but_neighbours_is_covered():
 
 
 def test_feasible_poses_come_no_deeper_and_the_kernels_agree_with_the_certificate():
-    made = coman()
+    made = covered()
     q = feasible(made, 60, 5)
     for pair in some(made, BASELINE):
         assert raw(made, pair, q).min() >= pair.baseline - RESTING - ALGEBRA
@@ -95,7 +99,7 @@ def test_feasible_poses_come_no_deeper_and_the_kernels_agree_with_the_certificat
 
 
 def test_paths_that_are_certified_come_no_deeper_and_some_would():
-    made = coman()
+    made = covered()
     q = feasible(made, 120, 6)
     deep = [raw(made, p, poses()[:600]) < p.baseline - DEEPER for p in some(made, BASELINE)]
     q = np.concatenate([q, poses()[:600][np.any(deep, axis=0)][:40]])  # these must be refused
@@ -111,7 +115,7 @@ def test_paths_that_are_certified_come_no_deeper_and_some_would():
 
 
 def test_a_pose_that_is_deeper_is_broken_and_named():
-    made = coman()
+    made = covered()
     for pair in some(made, BASELINE):
         deep = next(q for q in poses() if raw(made, pair, q[None])[0] < pair.baseline - 0.002)
         row = [tuple(two) for two in made.watched].index((pair.a, pair.b))
@@ -123,7 +127,7 @@ def test_a_pose_that_is_deeper_is_broken_and_named():
 
 
 def test_the_certificate_names_the_baselines():
-    listed = audit.by_design(coman())
+    listed = audit.by_design(covered())
     assert {(one["a"], one["b"]) for one in listed} >= {("Waist_0", "DWS_0")}
     for one in listed:
         assert one["reason"] in (BASELINE, BOUNDED) and one["baseline_m"] < 0.0

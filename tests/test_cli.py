@@ -91,7 +91,7 @@ def test_json_says_it_all(good, bad, tmp_path):
     said = run("audit", good, bad, tmp_path / "none.csv", *ROBOT, "--json")
     told = json.loads(said.stdout)
     assert said.exit_code == shell.UNREADABLE and told["holds"] is False
-    assert len(told["not_covered"]) == 13 and told["margin_m"] == 0.002
+    assert len(told["not_covered"]) == 20 and told["margin_m"] == 0.002
     first, second, third = told["files"]
     assert first["holds"] and first["checks"]["paths"]["total"] == 19
     assert not second["holds"] and second["first"]["what"]

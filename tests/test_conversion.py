@@ -110,7 +110,7 @@ def test_what_comes_out_holds_and_is_described(wave):
     assert motion.clearance == pytest.approx(coman().certifier().check(motion.q).clearance, abs=0)
     assert motion.about["robot_hash"] == coman().digest and motion.about["model"] == "plain"
     assert motion.about["certificate"]["holds"]
-    assert len(motion.about["certificate"]["not_covered"]) == 13
+    assert len(motion.about["certificate"]["not_covered"]) == 20
     assert summary["to_human"]["mean"] < 0.05
     certified = summary["certified"]
     assert certified["poses"] == 45 and certified["paths"] == 44 and certified["share"] == 1.0

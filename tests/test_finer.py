@@ -7,17 +7,17 @@ from s3le.errors import RobotError
 from s3le.robot.pairs import KEPT, OTHERWISE
 from s3le.robot.robot import Robot
 
-URDF = (ROBOTS / "urdf" / "coman.urdf").read_text(encoding="utf-8")
-YAML = (ROBOTS / "coman.yaml").read_text(encoding="utf-8")
+URDF = (ROBOTS / "urdf" / "coman_covered.urdf").read_text(encoding="utf-8")
+YAML = (ROBOTS / "coman_covered.yaml").read_text(encoding="utf-8")
 PAIR = "finer: [[DWYTorso, Waist]]\n"
 PLAIN = edited(YAML, (PAIR, ""))
 
 
 def made(folder, yaml=YAML, urdf=URDF):
     (folder / "urdf").mkdir(parents=True, exist_ok=True)
-    (folder / "urdf" / "coman.urdf").write_text(urdf, encoding="utf-8")
-    (folder / "coman.yaml").write_text(yaml, encoding="utf-8")
-    return Robot.from_file(folder / "coman.yaml", MARGIN)
+    (folder / "urdf" / "coman_covered.urdf").write_text(urdf, encoding="utf-8")
+    (folder / "coman_covered.yaml").write_text(yaml, encoding="utf-8")
+    return Robot.from_file(folder / "coman_covered.yaml", MARGIN)
 
 
 def of(robot, a, b):

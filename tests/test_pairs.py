@@ -18,18 +18,7 @@ from worlds import (
 )
 
 from s3le.errors import RobotError
-from s3le.robot.pairs import (
-    BASELINE,
-    BOUNDED,
-    BY_DESIGN,
-    FIXED,
-    KEPT,
-    NEIGHBOURS,
-    OTHERWISE,
-    WATCHED,
-    all_pairs,
-    body_kinds,
-)
+from s3le.robot.pairs import FIXED, OVERLAP, WATCHED, all_pairs, body_kinds
 from s3le.robot.robot import PAIRS, Robot
 from s3le.robot.table import ROBOT_PAIRS
 
@@ -57,21 +46,20 @@ def test_every_pair_of_bodies_is_listed_once_in_order(name):
 def test_watched_and_dropped_are_all_pairs_and_each_has_a_reason(name):
     made = coman(name=name)
     reasons = [p.reason for p in made.pairs]
-    assert set(reasons) == {WATCHED, BASELINE, BOUNDED, FIXED, NEIGHBOURS, OTHERWISE}
-    left = sum(reasons.count(reason) for reason in (BOUNDED, FIXED, NEIGHBOURS, OTHERWISE))
-    assert len(made.watched) + left == len(reasons)
+    assert set(reasons) == {WATCHED, FIXED, OVERLAP}
+    assert len(made.watched) + reasons.count(FIXED) + reasons.count(OVERLAP) == len(reasons)
     assert [tuple(pair) for pair in made.watched] == [
-        (p.a, p.b) for p in made.pairs if p.reason in KEPT
+        (p.a, p.b) for p in made.pairs if p.reason == WATCHED
     ]
 
 
 def test_the_only_limb_trunk_pairs_that_are_dropped_are_torso_and_shoulders():
     made = coman()
-    assert named(made, NEIGHBOURS, "limb-trunk") == {
-        frozenset(("DWYTorso", link)) for link in ("LShp", "RShp")
+    assert named(made, OVERLAP, "limb-trunk") == {
+        frozenset(("DWYTorso", link)) for link in ("LShp", "LShr", "RShp", "RShr")
     }
     assert named(made, FIXED, "limb-trunk") == set()
-    assert named(made, NEIGHBOURS, "limb-limb") == set()
+    assert named(made, OVERLAP, "limb-limb") == set()
 
 
 def test_forearms_hands_and_upper_arms_are_watched_against_all_of_the_trunk():
@@ -114,14 +102,14 @@ def test_a_pair_is_dropped_exactly_where_grown_capsules_overlap():
     ends = placed(made, made.anchor)[3]
     grow = made.pair_inflation
     for p in made.pairs:
-        if p.reason in (FIXED, OTHERWISE):
+        if p.reason == FIXED:
             continue
         grown, radii = [], []
         for body in (p.a, p.b):
             middle = ends[body, :2].mean(axis=0)
             grown.append(middle + (ends[body, :2] - middle) * grow)
             radii.append(made.bodies[body].radius * grow)
-        assert (coal_distance(*grown, *radii) <= 0.0) == (p.reason in BY_DESIGN), p
+        assert (coal_distance(*grown, *radii) <= 0.0) == (p.reason == OVERLAP), p
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -208,7 +196,7 @@ def test_the_readable_list_names_every_pair_with_its_reason(tmp_path):
     coman().write(tmp_path)
     rows = tables.read(ROBOT_PAIRS, tmp_path / PAIRS, coman().tag)
     assert len(rows["reason"]) == len(coman().pairs)
-    assert set(rows["reason"]) == {p.reason for p in coman().pairs}
+    assert set(rows["reason"]) == {WATCHED, FIXED, OVERLAP}
 
 
 def test_the_decision_is_the_same_each_time():

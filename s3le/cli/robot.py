@@ -39,7 +39,7 @@ def new(
     ] = None,
     capsules: Annotated[
         int, typer.Option(min=1, max=16, help="Most capsules that a mesh becomes.")
-    ] = 16,
+    ] = 4,
     collision_only: Annotated[
         bool,
         typer.Option(
@@ -57,6 +57,13 @@ def new(
             show_default="0.02",
         ),
     ] = None,
+    finer: Annotated[
+        bool,
+        typer.Option(
+            "--finer",
+            help="Finer bodies where limbs pass; every pair but neighbours watched. Takes minutes.",
+        ),
+    ] = False,
     hulls: Annotated[
         bool,
         typer.Option("--hulls", help="Keep the meshes' convex hulls, for an independent check."),
@@ -95,7 +102,7 @@ def new(
         out = out or (known.OWN if known.OWN.is_dir() else Path())
         made = propose.propose(
             urdf, name or urdf.stem, margin, known.NECK, package_path or (), srdf, spheres,
-            capsules, collision_only, hulls, ALLOWANCE if allowance is None else allowance,
+            capsules, collision_only, hulls, ALLOWANCE if allowance is None else allowance, finer,
         )  # fmt: skip
         png = picture or out / f"{made.name}.png"
         paths = propose.write(made, out, force, also=[png])

@@ -61,10 +61,11 @@ def propose(
     packages: Sequence[Path] = (),
     srdf_file: Path | None = None,
     spheres: Path | None = None,
-    most: int = tight.MOST,
+    most: int = bodies.MOST,
     collision_only: bool = False,
     with_hulls: bool = False,
     allowance: float = covered.ALLOWANCE,
+    finer: bool = False,
 ) -> Proposal:
     """Read a URDF and settle everything that a robot file says.
 
@@ -80,6 +81,8 @@ def propose(
         collision_only: take collision geometry as it is, however far the drawing reaches beyond.
         with_hulls: keep the convex hulls of the meshes beside, for an independent check.
         allowance: how far a link's drawing may reach beyond its bodies [m].
+        finer: make finer bodies for pairs of links that come near, and hold what overlaps by
+            design to its baseline; takes minutes.
 
     Raises:
         RobotError: something in the files cannot be used; says what to do.
@@ -99,9 +102,7 @@ def propose(
     tree = Tree(origin.model)
     moving = _moving(tree, found, origin, look)
     _continuous(origin, moving, look)
-    few = min(most, bodies.MOST)
-    chosen = not origin.drawn and origin.root.find(covered.TAG) is not None  # by an earlier `new`
-    made, record, notes = covering.cover(origin, few, given, allowance, collision_only)
+    made, record, notes = covering.cover(origin, most, given, allowance, collision_only)
     look += notes
     _refuse_bare(tree, found, made, urdf)
     links = {link.get("name") for link in origin.root.findall("link")}
@@ -132,12 +133,12 @@ def propose(
         robot = plan.load(Path(folder))
         sense.refuse_nonsense(robot)
         poses = origin.poses | (stand.named(srdf_file) if srdf_file else {})
-        work = tight.Work(origin, robot, made, margin, most)
+        work = tight.Work(origin, robot, made, margin, tight.MOST)
         standing, out = _standing(robot, neck, work, poses, margin)
         plan.stand = dict(zip(robot.joint_names, standing.q.tolist(), strict=True))
-        if not chosen:
-            finer, said = work.tighten([standing.q, out, anchor.zero(robot)])
-            plan.finer = sorted(map(sorted, finer))
+        if finer:
+            pairs, said = work.tighten([standing.q, out, anchor.zero(robot)])
+            plan.finer, plan.baselines = sorted(map(sorted, pairs)), True
             sure += said
             text = source.text(origin.root)
             files[f"urdf/{name}.urdf"] = text.encode()
@@ -165,12 +166,12 @@ def propose(
             joint: float(angle)
             for joint, angle in zip(robot.joint_names, best.q, strict=True) if angle != 0.0
         }  # fmt: skip
-        robot = plan.load(Path(folder))
-        taken, said = _touching(robot, work, [standing.q, out])
-        look += said
-        if taken:
-            text_of = srdf.text(name, robot.disabled | taken)
-            files[f"urdf/{name}.srdf"] = text_of.encode()
+        if finer:
+            robot = plan.load(Path(folder))
+            taken, said = _touching(robot, work, [standing.q, out])
+            look += said
+            if taken:
+                files[f"urdf/{name}.srdf"] = srdf.text(name, robot.disabled | taken).encode()
         sure.append(f"stand: {standing.how}")
         plan.notes = [f"sure: {line}" for line in sure] + [f"look: {line}" for line in look]
         files[f"{name}.yaml"] = plan.text().encode()
@@ -262,6 +263,7 @@ class _Plan:
     notes: list[str] | None = None
     stand: dict[str, float] | None = None
     finer: Sequence[Sequence[str]] = ()
+    baselines: bool = False
 
     def load(self, folder: Path) -> model.Geometry:
         """The robot that the files so far describe, from a folder of their own."""
@@ -305,6 +307,9 @@ class _Plan:
             "# Bodies that overlap at the anchor, grown by this, are neighbours or do by design.",
             "pair_inflation: 1.1",
         ]
+        if self.baselines:
+            lines += ["", "# Pairs that overlap by design come nowhere deeper than where it stands.",
+                      "baselines: true"]  # fmt: skip
         if self.finer:
             lines += ["", "# Pairs of links that are watched by their finer bodies.",
                       f"finer: {_flow([list(pair) for pair in self.finer])}"]  # fmt: skip

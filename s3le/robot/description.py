@@ -27,11 +27,12 @@ ARMS = {side: tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "hand")) 
 _KEYS = (
     "name", "urdf", "base_rpy", "points", "joints", "hold", "anchor", "pair_inflation",
     "srdf", "hulls", "velocity", "acceleration", "given", "stand",
-    "finer",
+    "finer", "baselines",
 )  # fmt: skip
 _OPTIONAL: dict[str, Any] = {
     "srdf": None, "hulls": None, "base_rpy": [0.0, 0.0, 0.0], "hold": {}, "velocity": {},
     "acceleration": {}, "pair_inflation": 1.1, "given": [], "stand": None, "finer": [],
+    "baselines": False,
 }  # fmt: skip
 WIDEST = 100.0  # [rad] an angle beyond this is damage or another unit
 LARGEST = 64 * 2**20  # [bytes] of any file that a robot file names
@@ -71,6 +72,7 @@ class Description:
     given: tuple[str, ...]  # joints that others move, in motions that say how; or ALL
     ranges: dict[str, tuple[float, float]]  # joints that others move in these ranges [rad], any way
     finer: frozenset[frozenset[str]]  # pairs of links that are watched by their finer bodies
+    baselines: bool  # pairs that overlap at the anchor are held to that, not passed over
     files: dict[str, bytes] = field(repr=False)  # robot, urdf, srdf, hulls: as they were read
 
 
@@ -157,6 +159,7 @@ def read_description(path: Path, held: Mapping[str, bytes] | None = None) -> Des
         given=_given(path, tree["given"], list(map(str, joints))),
         ranges=_ranges(path, tree["given"]),
         finer=_finer(path, tree["finer"]),
+        baselines=_switch(path, "baselines", tree["baselines"]),
         files={"robot": own}
         | {
             key: held[file.name] if held is not None else _bytes(file, LARGEST)
@@ -253,6 +256,12 @@ def _ranges(path: Path, value: Any) -> dict[str, tuple[float, float]]:
             raise RobotError(f"{path}: {key} must be [low, high], got {ends!r}")
         found[str(name)] = low, high
     return found
+
+
+def _switch(path: Path, key: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise RobotError(f"{path}: {key} must be true or false, got {value!r}")
+    return value
 
 
 def _finer(path: Path, value: Any) -> frozenset[frozenset[str]]:

@@ -390,5 +390,6 @@ def _digest(robot: Geometry) -> str:
     parts.append(np.array([robot.pair_inflation]).tobytes())
     parts += [name.encode() for pair in sorted(map(sorted, robot.disabled)) for name in pair]
     finer = sorted(map(sorted, robot.description.finer))
+    parts += [b"baselines"] if robot.description.baselines else []
     parts += [b"finer", *(name.encode() for pair in finer for name in pair)] if finer else []
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]

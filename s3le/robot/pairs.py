@@ -1,7 +1,8 @@
 """Which pairs of bodies are watched for collision, and why the others are not.
 
 A pair is watched unless its capsules, grown by `pair_inflation`, overlap at the anchor pose (the
-rule of the paper's authors; it needs no SRDF and works for any URDF). Of those that do:
+rule of the paper's authors; it needs no SRDF and works for any URDF). Those that do are not
+watched, or, where the robot file says `baselines: true`,
 
 - neighbours, joined by a joint, touch by design and are not watched (those that do so at `stand`
   neither); their distance depends on that joint alone, and how they overlap over it is told;
@@ -34,10 +35,11 @@ BOUNDED = "overlap by design, proven never deeper than the baseline at any angle
 FIXED = "cannot move relative to each other"
 NEIGHBOURS = "neighbours on both sides of a joint"
 OTHERWISE = "watched by other bodies of the same links"
+OVERLAP = "overlap at the anchor when grown"
 MEETING = "overlap at the anchor up to their cores"
 DISABLED = "disabled by the SRDF"  # and, in brackets, the reason that it gives
 KEPT = (WATCHED, BASELINE)  # that every pose and every path is held to
-BY_DESIGN = (BASELINE, BOUNDED, NEIGHBOURS, MEETING)  # overlap at the anchor, grown
+BY_DESIGN = (OVERLAP, BASELINE, BOUNDED, NEIGHBOURS, MEETING)  # overlap at the anchor, grown
 SURE = (*KEPT, BOUNDED, FIXED, OTHERWISE)  # of which nothing is left open
 
 DEEPER = 0.001  # [m] beyond its baseline that a pair comes nowhere
@@ -121,12 +123,16 @@ def all_pairs(robot: Geometry, proven: bool = True) -> list[Pair]:
                 pair = pair._replace(reason=OTHERWISE)
             elif _distance(robot, at_anchor, a, b, robot.pair_inflation) <= 0.0 or (
                 # Neighbours that touch where the robot stands touch by design too.
-                robot.stand is not None
+                robot.description.baselines
+                and robot.stand is not None
                 and not solid & set(_between(robot, *(robot.bodies[k].joint for k in (a, b)))[1:-1])
                 and _distance(robot, others[1], a, b, robot.pair_inflation) <= 0.0
             ):
-                deepest = min(_distance(robot, at, a, b, 1.0) for at in (at_anchor, *others))
-                pair = _by_design(robot, pair, deepest, proven)
+                if robot.description.baselines:
+                    deepest = min(_distance(robot, at, a, b, 1.0) for at in (at_anchor, *others))
+                    pair = _by_design(robot, pair, deepest, proven)
+                else:
+                    pair = pair._replace(reason=OVERLAP)
             pairs.append(pair)
     if not any(pair.reason in KEPT for pair in pairs):
         file = robot.description.source
@@ -190,7 +196,7 @@ def alike(
     for pair in made:
         two = [origin(robot.bodies[body].name) for body in (pair.a, pair.b)]
         reason = FIXED if two[0] == two[1] else reasons[frozenset(two)]
-        if reason in BY_DESIGN and reason != NEIGHBOURS:
+        if reason in (BASELINE, BOUNDED):
             # What was proven of the body does not hold of what it sweeps: watched, to be sure.
             deepest = pair.clearance if np.isnan(pair.baseline) else pair.baseline
             pair, reason = pair._replace(baseline=deepest), BASELINE

@@ -176,8 +176,6 @@ class Robot(Geometry):
                 p.reason in pairs.KEPT,
                 p.reason,
                 p.clearance,
-                p.baseline,
-                *p.seen,
             )
             for p in self.pairs
         ]

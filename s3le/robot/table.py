@@ -16,13 +16,6 @@ ROBOT_PAIRS = Table(
         "watched": Column(pl.Boolean(), "-", "whether the pair counts for clearance"),
         "reason": Column(pl.String(), "-", "why it is watched or not"),
         "anchor_clearance": Column(pl.Float64(), "m", "signed distance at the anchor pose"),
-        "baseline": Column(
-            pl.Float64(), "m", "of bodies that overlap by design: the deepest of it; else NaN"
-        ),
-        "range_least": Column(
-            pl.Float64(), "m", "of neighbours: least signed distance over their joint; else NaN"
-        ),
-        "range_most": Column(pl.Float64(), "m", "of neighbours: the greatest; else NaN"),
     },
     rules={"measured": pl.col("anchor_clearance").is_finite()},
 )

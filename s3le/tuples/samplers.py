@@ -21,6 +21,7 @@ from s3le import skeleton
 from s3le.errors import ParameterError
 from s3le.kernels import batch
 from s3le.rng import stream
+from s3le.robot.chain import watching
 from s3le.robot.robot import Robot
 
 # Draws that reject go on by whole blocks, so that what a row becomes does not hang on how many
@@ -293,8 +294,7 @@ def _arm_alone(robot: Robot, own: np.ndarray, foreign: np.ndarray):
     chain = robot.chain
     moved = chain.moves[chain.body_frame]  # (bodies, n_dof)
     mine, others = (moved[:, joints].any(axis=1)[chain.pair] for joints in (own, foreign))
-    pair = chain.pair[mine.any(axis=1) & ~others.any(axis=1)]
-    return chain._replace(pair=np.ascontiguousarray(pair))
+    return watching(chain, mine.any(axis=1) & ~others.any(axis=1))
 
 
 def _upright(ask: Draw, share: np.ndarray, q: np.ndarray) -> np.ndarray:
