@@ -5,7 +5,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.errors import RobotError
-from s3le.onboard import anchor, bodies, covering, hulls, limbs, reading, source
+from s3le.onboard import anchor, bodies, covering, hulls, limbs, reading, source, strength
 from s3le.onboard.tree import Tree
 from s3le.robot import model, sense, srdf
 from s3le.robot.description import MAPPED
@@ -139,6 +139,9 @@ def propose(
             joint: float(angle)
             for joint, angle in zip(robot.joint_names, best.q, strict=True) if angle != 0.0
         }  # fmt: skip
+        strong = strength.find(origin, plan.load(Path(folder)))
+        sure, look = sure + strong.sure, look + strong.look
+        plan.acceleration = strong.acceleration
         plan.notes = [f"sure: {line}" for line in sure] + [f"look: {line}" for line in look]
         files[f"{name}.yaml"] = plan.text().encode()
         plan.load(Path(folder))
@@ -198,6 +201,7 @@ class _Plan:
     velocity: dict[str, float]
     files: dict[str, bytes]
     notes: list[str] | None = None
+    acceleration: Mapping[str, float] = field(default_factory=dict)
 
     def load(self, folder: Path) -> model.Geometry:
         """The robot that the files so far describe, from a folder of their own."""
@@ -237,6 +241,7 @@ class _Plan:
             "# Limits [rad/s] that stand for the URDF's.",
             f"velocity: {_flow(self.velocity)}",
             "",
+            *strength.lines({name: _flow(limit) for name, limit in self.acceleration.items()}),
             "# Bodies that overlap at the anchor when grown by this factor are not watched.",
             "pair_inflation: 1.1",
         ]
