@@ -83,7 +83,7 @@ def main(
     """Print the tables."""
     clips = found(demo, cmu)
     for name in robots.split(","):
-        robot, asked = claim(Robot.load(name))
+        robot, asked = claim(Robot.load(name), straight=True)  # nearest in the joints alone
         guard = Guard(robot, asked)
         most = limits(robot, np.array(asked.acceleration), asked.speed_factor)
         table = {}

@@ -103,7 +103,7 @@ def test_motions_become_one_table_that_holds(project):
         assert audit.audit(coman(), rows["time"][of], rows["q"][of], wanted).holds
     assert (rows["q"][rows["file"] == "good.parquet"] == swaying()).all()
     told = tables.read(guard(0.002), OUT / "guard.parquet", coman().tag)
-    assert told["status"].tolist() == ["made certified", "certified"]
+    assert told["status"].tolist() == ["made certified", "made certified"]
     said = documents.read_json(METRICS, "dataset@mine")
     assert said["files"] == 2 and said["left_broken"] == 0 and said["broken_before"]["poses"] > 5
     names = tables.read_note(OUT / "motions.parquet", "joints", "dataset@mine")

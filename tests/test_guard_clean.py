@@ -26,15 +26,20 @@ class Held(NamedTuple):
     episodes: list[Episode]
 
 
-def held(*motions, kind=float, degrees=False, mode=None, rate=RATE):
-    """A layout of motions (m, n) [rad], its numbers of a kind."""
+def held(*motions, kind=float, degrees=False, mode=None, rate=RATE, place=False):
+    """A layout of motions (m, n) [rad], its numbers of a kind, perhaps with a place for speeds."""
     robot, episodes = coman(), []
     for number, q in enumerate(motions):
         raw = tuple((np.rad2deg(c) if degrees else c).astype(kind) for c in q.T)
         q = np.stack([decode(column, degrees) for column in raw], axis=1)
         numbers = Numbers(raw, (degrees,) * q.shape[1], q, robot.lower, robot.upper)
-        time = np.arange(len(q)) / rate
-        episodes.append(Episode(f"motion {number}", time, q, [], numbers, mode))
+        time, pace = np.arange(len(q)) / rate, None
+        if place:
+            none, free = np.full(len(q), np.nan, kind), np.full(q.shape[1], np.inf)
+            pace = numbers.__class__(
+                (none,) * q.shape[1], numbers.degrees, np.full(q.shape, np.nan), -free, free
+            )
+        episodes.append(Episode(f"motion {number}", time, q, [], numbers, mode, pace=pace))
     return Held(Path("held"), episodes)
 
 
@@ -63,6 +68,11 @@ def colliding(rows=60):
 @pytest.fixture(scope="module")
 def guard():
     return Guard(*claim(coman()))
+
+
+@pytest.fixture(scope="module")
+def straight():
+    return Guard(*claim(coman(), straight=True))
 
 
 def counts(checks):
@@ -157,14 +167,19 @@ def not_a_number(times, wanted, q):
         (not_a_number, "angle 3 is nan"),
     ],
 )
-def test_a_planner_that_is_wrong_is_refused_by_the_audit(guard, monkeypatch, change, says):
+def test_a_planner_that_is_wrong_is_refused_by_the_audit(
+    guard, straight, monkeypatch, change, says
+):
     lying(monkeypatch, change)
     with pytest.raises((CertificateError, TrajectoryError), match=says):
-        guard.clean(held(colliding()), degrees=False)
+        straight.clean(held(colliding()), degrees=False)
+    for place in (False, True):
+        with pytest.raises((CertificateError, TrajectoryError), match="does not hold|is nan"):
+            guard.clean(held(colliding(), place=place), degrees=False)
 
 
 def test_what_the_audit_cannot_decide_is_no(monkeypatch):
-    guard = Guard(*claim(coman()))
+    guard = Guard(*claim(coman(), straight=True))
     guard.demands = guard.demands._replace(budget=0)
     q = still(2)
     q[1, [joint("LElbj"), joint("RElbj")]] -= 2.0
@@ -353,8 +368,8 @@ def test_rows_that_planning_hardly_moves_stay_to_the_bit_if_the_audit_agrees(gua
     assert made.summary["moved"]["touched"] < 90 and (made.q[0][:60] == q[:60]).all()
     honest = guard.check
 
-    def strict(episode, q, progress=None):  # nothing that was put back holds
-        report = honest(episode, q, progress)
+    def strict(episode, q, progress=None, v=None):  # nothing that was put back holds
+        report = honest(episode, q, progress, v)
         return report._replace(between=0) if (q != episode.q).any(axis=1).all() else broken(report)
 
     def broken(report):

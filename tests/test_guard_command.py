@@ -90,7 +90,9 @@ def test_what_holds_comes_back_to_the_bit_and_so_does_what_came_out(good, bad, t
     assert run("guard", good, bad, *ONE, "--out", one).exit_code == shell.OK
     was, now = files.read(good), files.read(one / "good.parquet")
     assert (was.q == now.q).all() and (was.time == now.time).all()
-    assert told(one)["status"].to_list() == [folder.CERTIFIED, folder.MADE]
+    # A file that tells no speeds gets them, so that every row has a way to rest.
+    assert told(one)["status"].to_list() == [folder.MADE, folder.MADE]
+    assert told(one)["touched"].to_list()[0] == 0.0 and now.v is not None and was.v is None
     said = run("guard", one / "good.parquet", one / "bad.csv", *ONE, "--out", two)
     assert said.exit_code == shell.OK and "0.0 % touched" in said.output
     for name in ("good.parquet", "bad.csv"):
@@ -101,7 +103,8 @@ def test_all_that_is_not_ours_stays_to_the_bit(tmp_path):
     source = gmr(tmp_path / "a.npz", colliding())
     assert run("guard", source, *ONE, "--out", tmp_path / "out").exit_code == shell.OK
     was, now = np.load(source), np.load(tmp_path / "out" / "a.npz")
-    assert was.files == now.files and now["dof_pos"].dtype == np.float32
+    assert [*was.files, "v"] == now.files and now["dof_pos"].dtype == np.float32
+    assert now["v"].shape == now["dof_pos"].shape and now["v"].any()
     for name in set(was.files) - {"dof_pos"}:
         assert (was[name] == now[name]).all() and was[name].dtype == now[name].dtype
     assert (was["dof_pos"] != now["dof_pos"]).any()
@@ -129,15 +132,17 @@ def test_what_the_audit_refuses_is_not_written(bad, good, tmp_path, monkeypatch,
     assert said.exit_code == shell.BROKEN and "what would be written does not hold" in said.output
     assert not (out / "bad.csv").exists() and not (out / "bad.csv.guard.json").exists()
     assert (out / "good.parquet").exists()  # one bad file does not stop the others
-    assert told(out)["status"].to_list() == [folder.REFUSED, folder.CERTIFIED]
+    assert told(out)["status"].to_list() == [folder.REFUSED, folder.MADE]
     assert "1 refused" in said.output
 
 
-def test_a_file_that_does_not_hold_what_was_proven_is_taken_away(bad, tmp_path, monkeypatch):
+@pytest.mark.parametrize("off", [(1e-4, 0.0), (0.0, 1e-4)])
+def test_a_file_that_does_not_hold_what_was_proven_is_taken_away(bad, tmp_path, monkeypatch, off):
     honest = TextLayout.write
     monkeypatch.setattr(
-        TextLayout, "write", lambda self, to, q, about: honest(self, to, [q[0] + 1e-4], about)
-    )
+        TextLayout, "write",
+        lambda self, to, q, about, v: honest(self, to, [q[0] + off[0]], about, [v[0] + off[1]]),
+    )  # fmt: skip
     said = run("guard", bad, *ONE, "--out", tmp_path / "out")
     assert said.exit_code == shell.BROKEN and "did not hold the motion that was" in said.output
     assert {p.name for p in (tmp_path / "out").iterdir()} == {".guard.lock", "guard.parquet"}

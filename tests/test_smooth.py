@@ -297,8 +297,9 @@ def motion(wanted, time):
 
 
 @pytest.mark.parametrize("kind", ["parquet", "csv", "npz"])
-def test_speeds_come_back_to_the_bit_and_the_guard_takes_away_those_of_what_it_moves(
-    tmp_path, kind
+@pytest.mark.parametrize("straight", [False, True])
+def test_speeds_come_back_to_the_bit_and_the_guard_tells_those_of_what_it_moves(
+    tmp_path, kind, straight
 ):
     robot, time = coman(), np.arange(60) * DT
     made = motion(swings(7, 60), time)
@@ -311,23 +312,28 @@ def test_speeds_come_back_to_the_bit_and_the_guard_takes_away_those_of_what_it_m
         source, target = (tmp_path / f"{where}{number}.{kind}" for where in ("in", "out"))
         files.write(one, source)
         layout = Reading().open(source, robot)
-        its = clean.Guard(*claim(robot))
+        its = clean.Guard(*claim(robot, straight=straight))
         assert (layout.episodes[0].v == one.v).all()
         cleaned = its.clean(layout, False)
-        layout.write(target, [layout.episodes[0].q if cleaned.q[0] is None else cleaned.q[0]])
+        q = layout.episodes[0].q if cleaned.q[0] is None else cleaned.q[0]
+        layout.write(target, [q], None, cleaned.v)
         left = files.read(target)
         said = cleaned.summary["certificate"]["between_rows"]
         if number == 0:  # it is a curve that holds: nothing is touched
             assert cleaned.q[0] is None and (left.v == one.v).all() and said == CUBIC
-        else:
+        elif straight:
             assert cleaned.q[0] is not None and said == STRAIGHT
             assert left.v is None  # what is written goes straight from row to row
+        else:
+            assert cleaned.q[0] is not None and said == CUBIC
+            assert (left.v == cleaned.v[0]).all() and (left.v != one.v).any()
+        if number:
             assert not any("vel" in note for note in layout.episodes[0].notes)
 
 
 def test_a_file_that_tells_the_speed_of_some_joints_is_refused(tmp_path):
     path = tmp_path / "m.csv"
-    path.write_text("time,a,b,a.vel\n0,0,0,0\n1,0,0,0\n", encoding="utf-8")
+    path.write_text("time,a,b,a.vel\n0,0,0,0\n1,0,1,0\n", encoding="utf-8")
     with pytest.raises(TrajectoryError, match="speed of some joints, but not of 'b'"):
         files.read(path)
     path.write_text("time,a,a.vel\n0,0,inf\n1,0,0\n", encoding="utf-8")

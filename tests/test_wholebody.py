@@ -555,9 +555,9 @@ def held_up():
     one = Guard(its, asked)
     body = whole_body(its, LEGS)
     _, most, settings = (
-        one._planned(0.0, 1.0).robot,
-        one._planned(0.0, 1.0).most,
-        (one._planned(0.0, 1.0).settings),
+        one.planned(0.0, 1.0).robot,
+        one.planned(0.0, 1.0).most,
+        (one.planned(0.0, 1.0).settings),
     )
     planner = BodyPlanner(body, most, settings)
     time = np.arange(rows) / RATE

@@ -292,13 +292,20 @@ def _file(guard: clean.Guard, wanted: Wanted, rng: np.random.Generator, log: Log
         if must:
             log.wrong.append("a file had to be refused")
         one = layout.episodes[0]
-        layout.write(target, [one.q if cleaned.q[0] is None else cleaned.q[0]])
+        q = one.q if cleaned.q[0] is None else cleaned.q[0]
+        layout.write(target, [q], None, cleaned.v)
         made = reading.open(target, robot).episodes[0]
     for i in range(1, len(made.q)):
         same = bool((made.q[i] == one.q[i]).all())
+        dt, rows = float(made.time[i] - made.time[i - 1]), ()
+        if made.v is None:
+            log.wrong.append("a file came without speeds")
+        else:
+            rows = streams.moved(made.q[i - 1], made.v[i - 1], made.q[i], made.v[i], dt, ())
+            rows = tuple(row._replace(cubic=True) for row in rows)
         log.add(
-            made.q[i - 1], made.q[i], float(made.time[i] - made.time[i - 1]),
-            "as wanted" if same else "guarded", i, (one.q[i - 1], one.q[i]), smooth=i > 1,
+            made.q[i - 1], made.q[i], dt, "as wanted" if same else "guarded", i,
+            (one.q[i - 1], one.q[i]), smooth=i > 1, rows=rows,
         )  # fmt: skip
 
 

@@ -55,6 +55,7 @@ class Row(NamedTuple):
     t: float  # [s], since the step began
     q: np.ndarray  # [rad], (n_dof,)
     v: np.ndarray  # [rad/s], (n_dof,)
+    cubic: bool = False  # from the row before on the cubic that meets both; else evenly accelerated
 
 
 class Verdict(NamedTuple):
@@ -129,7 +130,7 @@ class Judge:
         """Judge a step whose speed is continuous, from its first row to its last.
 
         Args:
-            rows: two at least; each joint is accelerated evenly from one to the next.
+            rows: two at least; see Row.
             came: what went before; None: its speed is not looked at.
         """
         promise, broken = self._promise, []
@@ -140,18 +141,27 @@ class Judge:
             return Verdict(KINDS, np.nan, np.nan, np.nan, -1, np.nan, np.nan, 0, 0)
         if not (dt > 0.0).all():
             return Verdict(("held",), np.nan, np.nan, np.nan, -1, np.nan, np.nan, 0, 0)
-        bent = (v[1:] - v[:-1]) / dt
+        cubic = np.array([row.cubic for row in rows[1:]])[:, None]
+        chord = (q[1:] - q[:-1]) / dt
+        begin = np.where(cubic, 6.0 * chord - 4.0 * v[:-1] - 2.0 * v[1:], v[1:] - v[:-1]) / dt
+        end = np.where(cubic, -6.0 * chord + 2.0 * v[:-1] + 4.0 * v[1:], v[1:] - v[:-1]) / dt
+        bent = np.maximum(np.abs(begin), np.abs(end))
+        # Where the acceleration of a cubic turns, its speed is greatest.
+        bend = np.where(begin == end, np.inf, end - begin)
+        share = np.clip(-begin / bend, 0.0, 1.0)
+        turning = v[:-1] + dt * (share * begin + 0.5 * share**2 * np.where(cubic, end - begin, 0.0))
         # That a parabola leads from each row to the next is promised too; angles are floats.
         fine = _FLOATS * np.abs(q).max()
-        off = np.abs(q[:-1] + 0.5 * dt * (v[1:] + v[:-1]) - q[1:])
-        ratio, hardest = float((np.abs(v) / promise.speed).max()), 0.0
+        off = np.where(cubic, 0.0, np.abs(q[:-1] + 0.5 * dt * (v[1:] + v[:-1]) - q[1:]))
+        fast = np.concatenate([v, turning])
+        ratio, hardest = float((np.abs(fast) / promise.speed).max()), 0.0
         if not (off <= _MEETS + fine).all() or (
             came is not None and not np.abs(v[0] - came.v).max() <= _MEETS
         ):
             broken.append("acceleration")
         if not ratio <= 1.0 + promise.rounding + 1e-9:
             broken.append("speed")
-        hard = np.maximum(np.abs(bent) - 2.0 * fine / dt**2, 0.0)
+        hard = np.maximum(bent - np.where(cubic, 12.0, 2.0) * fine / dt**2, 0.0)
         hardest = float((hard / promise.acceleration).max())
         if not hardest <= 1.0 + promise.rounding + 1e-9:
             broken.append("acceleration")
@@ -178,10 +188,17 @@ class Judge:
         poses = [rows[0].q[None]]
         for one, other in zip(rows, rows[1:], strict=False):
             dt = other.t - one.t
-            bent, most = (other.v - one.v) / dt, np.maximum(np.abs(one.v), np.abs(other.v))
-            count = max(1, int(np.ceil(pieces(most, np.abs(bent), dt))))
+            bent, jerk = (other.v - one.v) / dt, 0.0
+            most = np.maximum(np.abs(one.v), np.abs(other.v))
+            if other.cubic:
+                chord = (other.q - one.q) / dt
+                bent = (6.0 * chord - 4.0 * one.v - 2.0 * other.v) / dt
+                jerk = (6.0 * (one.v + other.v) - 12.0 * chord) / dt**2
+                most = np.maximum(most, np.abs(3.0 * chord - one.v - other.v))
+            hardest = np.maximum(np.abs(bent), np.abs(bent + jerk * dt))
+            count = max(1, int(np.ceil(pieces(most, hardest, dt))))
             s = np.linspace(0.0, dt, count + 1)[1:, None]
-            poses.append(one.q + s * one.v + 0.5 * s**2 * bent)
+            poses.append(one.q + s * (one.v + s * (0.5 * bent + s * jerk / 6.0)))
             poses[-1][-1] = other.q
         return np.concatenate(poses)
 

@@ -58,6 +58,12 @@ def guard(
         float | None,
         typer.Option(help="Clearance that every pose keeps [m].", show_default="the robot's"),
     ] = None,
+    straight: Annotated[
+        bool,
+        typer.Option(
+            "--straight", help="Joints straight from row to row, without speeds or a way to rest."
+        ),
+    ] = False,
     fps: options.RateOfRows = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
@@ -88,13 +94,16 @@ def guard(
 ) -> None:
     """Bring joint motions to the nearest ones that are certified within the model.
 
-    Whatever made them: poses are brought within the joint limits and clear of one another, paths
-    between rows are proven, no step is too fast and no acceleration too high. Names, order, rate,
-    root, feet and every other column stay as they are, and a motion that holds already comes back
-    to the bit. What is written is audited by an independent check first; a file for which no such
-    motion is found is named, and the others are still written. Each result gets a summary
-    (NAME.guard.json: what was broken and where, what was moved, the certificate), all together
-    a table (guard.parquet). What an earlier run has finished, with the same numbers, is kept.
+    Whatever made them: poses are brought within the joint limits and clear of one another. What is
+    between rows is a curve of continuous speed, on which clearances are proven, nothing is too fast
+    and no acceleration too high, and from every row a way to rest is proven; CSV, Parquet and NPZ
+    get the speeds (JOINT.vel, or v). --straight asks for straight joints from row to row instead.
+    Names, order, rate, root, feet and every other column stay as they are, and a motion that holds
+    already comes back to the bit. What is written is audited by an independent check first; a file
+    for which no such motion is found is named, and the others are still written. Each result gets a
+    summary (NAME.guard.json: what was broken and where, what was moved, the certificate), all
+    together a table (guard.parquet). What an earlier run has finished, with the same numbers, is
+    kept.
 
     In a motion of the whole body the robot file's joints alone are changed, and proven with all
     joints moving. Where legs and hands leave no certified way, steps are marked forced: listed in
@@ -104,6 +113,7 @@ def guard(
     s3le guard walk.csv --robot g1 --out out
     s3le guard retargeted/ --robot g1 --out out --jobs 8
     s3le guard dance.pkl --robot g1 --out out --speed-factor 0.8 --acceleration 40
+    s3le guard dance.csv --robot g1 --out out --straight
     s3le guard walk.pkl --robot g1 --change left_wrist_roll_joint,right_wrist_roll_joint --out out
     s3le guard arms.npz --robot coman --fps 30 --joints names.txt --degrees --out out
     s3le guard retargeted/ --robot g1 --check
@@ -131,11 +141,13 @@ def guard(
             margin,
             speed_factor,
             shell.by_joint(acceleration, "--acceleration", "RAD_S2"),
+            straight,
         )
         named = shell.names(joints)
         reading = Reading(
-            fps, None if named is None else tuple(named), degrees, column, shell.given(given, its)
-        )
+            fps, None if named is None else tuple(named), degrees, column, shell.given(given, its),
+            straight,
+        )  # fmt: skip
         pieces = places.pieces(shell.motions(files), out)
         held = its.to_bytes()
 
@@ -270,6 +282,13 @@ def _details(said: dict[str, Any]) -> list[str]:
         if paths["bound_m"] is not None:
             proven = f", paths proven to {paths['bound_m'] * 1e3:.3f} mm"
         lines.append(f"    now: poses keep {poses['least_clearance_m'] * 1e3:.3f} mm{proven}")
+        if rows := said["certificate"].get("straight_rows"):
+            lines.append(
+                "    it has no place for speeds; straight rows are proven too"
+                if rows["proven"]
+                else "    it has no place for speeds, and of straight rows "
+                f"{rows['steps_not_proven']} steps are not proven"
+            )
     return lines
 
 

@@ -192,7 +192,22 @@ def check(
         found = survey.survey(its, poses)
         if picture:
             _draw(its, picture, [])
-    typer.echo("\n".join([*survey.lines(its, found, every), _rest(its)]))
+    typer.echo("\n".join([*survey.lines(its, found, every), *_hardest(its), _rest(its)]))
+
+
+def _hardest(robot: "Robot") -> list[str]:
+    """Limits of acceleration, and where they come from."""
+    from s3le.plan.limits import limits
+
+    by_limit: dict[str, list[str]] = {}
+    for joint, limit in zip(robot.joints, limits(robot).acceleration.tolist(), strict=True):
+        by = "by default" if joint.acceleration is None else "by the robot file"
+        by_limit.setdefault(f"{limit:g} rad/s^2 {by}", []).append(joint.name)
+    told = ", ".join(
+        f"{said} ({'all joints' if len(names) == robot.n_dof else ', '.join(names)})"
+        for said, names in by_limit.items()
+    )
+    return [f"acceleration: {told}"]
 
 
 def _rest(robot: "Robot") -> str:

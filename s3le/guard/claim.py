@@ -22,6 +22,7 @@ class Claim:
     speed_factor: float = 1.0  # share of the robot's joint speeds
     acceleration: tuple[float, ...]  # [rad/s^2], one a joint of the robot; inf: any
     between: float | None = None  # [m], clearance of every path; None: a quarter of the margin
+    straight: bool = False  # rows with straight joints between; else curves with a way to rest
 
     def demands(self, robot: Robot) -> audit.Demands:
         """What the audit is asked, for the robot of `robot`."""
@@ -39,6 +40,7 @@ def claim(
     margin: float | None = None,
     speed_factor: float = 1.0,
     acceleration: dict[str, float] | float | None = None,
+    straight: bool = False,
 ) -> tuple[Robot, Claim]:
     """What is claimed, and the robot that keeps its margin.
 
@@ -48,6 +50,7 @@ def claim(
         speed_factor: share of the joint speeds that may be used, in (0, 1].
         acceleration: of all joints, or of some by name [rad/s^2]; else the robot
             file's, or limits.ACCELERATION.
+        straight: see Claim.
 
     Raises:
         ParameterError: a number is out of its range, a joint unknown, or the robot's anchor pose
@@ -62,8 +65,9 @@ def claim(
         hardest[:] = acceleration
     limits(robot, hardest, speed_factor)  # refuses what is out of range
     made = Claim(
-        margin=named.margin, speed_factor=float(speed_factor), acceleration=tuple(hardest.tolist())
-    )
+        margin=named.margin, speed_factor=float(speed_factor),
+        acceleration=tuple(hardest.tolist()), straight=straight,
+    )  # fmt: skip
     if robot.margin != made.margin:
         robot = replace(robot, margin=made.margin)
         clearance = float(robot.certifier().check(robot.anchor[None]).clearance[0])
@@ -113,6 +117,7 @@ def with_reserve(
         target=margin + ROOM,
         between=audit.demands(robot, of.margin, of.between).margin_between + reserve,
         check=False,  # the audit does, once it is rounded
+        curved=not of.straight,
     )
     if reserve:
         robot = replace(robot, margin=margin)

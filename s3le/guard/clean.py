@@ -2,23 +2,27 @@
 
 Planning has the first word and no say: a motion holds if the audit (s3le/safety/audit.py) says
 so of the very numbers that will lie in the file. One of which it says so at once is left alone.
+Motions are curves with a way to rest from each row (s3le/guard/curves.py), or, where that is asked
+for, straight from row to row.
 Where others move joints too (legs that walk), steps for which they leave no certified way are
 forced: they are listed, and nothing is claimed of them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from s3le.errors import CertificateError, S3leError
-from s3le.guard import forced, moved, sense
+from s3le.guard import curves, forced, moved, sense
 from s3le.guard.claim import Claim, with_reserve
 from s3le.guard.forced import Forced
 from s3le.guard.layouts.episode import Episode, Layout
+from s3le.guard.made import SAME, TRIES, Made, Progress, looks, work
 from s3le.motion.trajectory import BETWEEN
 from s3le.plan.examine import DRIVEN, PLANNED, WANTED
+from s3le.plan.flow import planner
 from s3le.plan.limits import limits
 from s3le.plan.whole import Planner
 from s3le.plan.wholebody import BodyPlanner
@@ -26,27 +30,13 @@ from s3le.robot.robot import Robot
 from s3le.robot.wholebody import WholeBody, whole_body
 from s3le.safety import audit, checks, wholebody
 
-TRIES = 4  # reserves that are tried where a motion does not hold as it is rounded, each the double
-SAME = 1e-5  # [rad], a row that planning moves less is put back
-Progress = Callable[[int], object]
-
-
-class Made(NamedTuple):
-    """What became of one episode."""
-
-    q: np.ndarray  # [rad], (m, n), as it will lie in the file
-    before: audit.Report  # of the motion as it was
-    after: audit.Report  # of q; holds, but for what is forced
-    how: np.ndarray  # uint8 (m,), examine.WANTED, PLANNED or DRIVEN
-    reserve: float  # [rad], what was kept of every limit because the file rounds
-    forced: tuple[Forced, ...] = ()  # steps for which others leave no certified way
-
 
 class Cleaned(NamedTuple):
     """What became of one file."""
 
     q: list[np.ndarray | None]  # [rad], of each episode; None: it is left as it is
     summary: dict[str, Any]  # as JSON can hold it
+    v: list[np.ndarray | None]  # [rad/s], of each episode; None: the file's own, or none, stay
 
 
 class Guard:
@@ -61,7 +51,7 @@ class Guard:
         """
         self.robot, self.claim = robot, claim
         self.demands = claim.demands(robot)
-        self._most = limits(robot, np.array(claim.acceleration), claim.speed_factor)
+        self.most = limits(robot, np.array(claim.acceleration), claim.speed_factor)
         self._planner: Planner | None = None
         self._bodies: dict[tuple[str, ...], WholeBody] = {}
         self._planners: dict[tuple[str, ...], BodyPlanner] = {}
@@ -80,7 +70,11 @@ class Guard:
         return self._bodies[names]
 
     def check(
-        self, episode: Episode, q: np.ndarray, progress: Progress | None = None
+        self,
+        episode: Episode,
+        q: np.ndarray,
+        progress: Progress | None = None,
+        v: np.ndarray | None = None,
     ) -> audit.Report:
         """The audit of a motion, accelerations included.
 
@@ -91,11 +85,14 @@ class Guard:
             episode: as it was read.
             q: [rad], (m, n), as it is or will be written.
             progress: called with numbers of further rows done, 2 m - 1 in all.
+            v: [rad/s], (m, n), where it is a curve. None: it goes straight from row to row; but
+                in a guard of straight rows a file that tells speeds is taken at its word.
         """
         if episode.others is not None:
             return self._look(episode, q, progress)[0]
-        at_rows = self._asked(episode, q)
-        v = episode.v if (q == episode.q).all() else None  # what is planned goes straight
+        at_rows = self.asked(episode, q)
+        if v is None and self.claim.straight and (q == episode.q).all():
+            v = episode.v
         return audit.audit(self.robot, episode.time, q, self.demands, at_rows, progress, v)
 
     def _look(
@@ -106,11 +103,11 @@ class Guard:
         if body is None or others is None:
             return self.check(episode, q, progress), None
         whole = wholebody.look(
-            body, episode.time, q, others.q, self.demands, self._asked(episode, q), progress
+            body, episode.time, q, others.q, self.demands, self.asked(episode, q), progress
         )
         return whole.report, whole
 
-    def _asked(self, episode: Episode, q: np.ndarray) -> np.ndarray | None:
+    def asked(self, episode: Episode, q: np.ndarray) -> np.ndarray | None:
         """Clearance that is asked of each row [m], (m,); None: the margin of all."""
         if episode.mode is None:
             return None
@@ -127,9 +124,15 @@ class Guard:
             TrajectoryError: its angles cannot be this robot's.
         """
         notes = self._refuse(layout, degrees)
-        reports = [self.check(one, one.q, progress) for one in layout.episodes]
+        reports = [
+            self.check(one, one.q, progress)
+            if self._straight(one)
+            else curves.see(self, one, progress).before
+            for one in layout.episodes
+        ]
         summary = self._summary(layout, notes, reports)
-        return Cleaned([None] * len(reports), summary | {"holds": all(r.holds for r in reports)})
+        none: list[np.ndarray | None] = [None] * len(reports)
+        return Cleaned(none, summary | {"holds": all(r.holds for r in reports)}, none)
 
     def clean(self, layout: Layout, degrees: bool, progress: Progress | None = None) -> Cleaned:
         """The nearest certified motion of every episode of a file.
@@ -167,7 +170,7 @@ class Guard:
             },
             "reserve_rad": max(one.reserve for one in made),
             "after": _merged(layout, reports),
-            "certificate": self.certificate(layout.episodes, reports),
+            "certificate": self.certificate(layout.episodes, reports) | self._lost(layout, made),
             "holds": all(report.holds for report in reports),
         }
         if runs:
@@ -177,7 +180,28 @@ class Guard:
             None if (done.q == one.q).all() else done.q
             for done, one in zip(made, layout.episodes, strict=True)
         ]
-        return Cleaned(q, summary)
+        v = [done.paced(one) for done, one in zip(made, layout.episodes, strict=True)]
+        return Cleaned(q, summary, v)
+
+    def _straight(self, episode: Episode) -> bool:
+        """Are straight rows asked of a motion? So they are among joints that others move."""
+        return self.claim.straight or episode.others is not None
+
+    def _lost(self, layout: Layout, made: Sequence[Made]) -> dict[str, Any]:
+        """What is to be said of speeds that a file has no place for."""
+        lost = [
+            done.q
+            for one, done in zip(layout.episodes, made, strict=True)
+            if one.pace is None and done.v is not None
+        ]
+        if not lost:
+            return {}
+        astray = sum(curves.astray(self, q) for q in lost)
+        return {
+            "between_rows": f"{audit.CUBIC}; the file has no place for speeds, and the smoothest "
+            "that keep the limits were taken",
+            "straight_rows": audit.straight_rows(astray),
+        }
 
     def nearest(self, episode: Episode, progress: Progress | None = None) -> Made:
         """The nearest motion that holds as it will be written.
@@ -185,6 +209,8 @@ class Guard:
         Raises:
             CertificateError: none was found.
         """
+        if not self._straight(episode):
+            return curves.nearest(self, episode, progress)
         name, time, wanted = episode.name, episode.time, episode.q
         before, seen = self._look(episode, wanted, progress)
         m = len(time)
@@ -237,8 +263,10 @@ class Guard:
             planning: False: motions are only looked at.
         """
         if planning:
-            self._planned(0.0, 1.0).warm_up()
-        audit.audit(self.robot, np.arange(3.0), np.tile(self.robot.anchor, (3, 1)), self.demands)
+            self.planned(0.0, 1.0).warm_up()
+        rows = np.tile(self.robot.anchor, (3, 1))
+        for v in (None, None if self.claim.straight else np.zeros_like(rows)):
+            audit.audit(self.robot, np.arange(3.0), rows, self.demands, v=v)
 
     def _plan(
         self, episode: Episode, reserve: float, step: float, progress: Progress | None
@@ -246,7 +274,7 @@ class Guard:
         """The nearest motion, how its rows came about, and which steps are forced, bool (m,)."""
         body, others = self.body(episode), episode.others
         if body is None or others is None:
-            plan = self._planned(reserve, step).plan(episode.time, episode.q, progress=progress)
+            plan = self.planned(reserve, step).plan(episode.time, episode.q, progress=progress)
             return plan.q, plan.how, np.zeros(len(plan.q), bool)
         planner = self._planned_among(body, reserve, step)
         made = planner.among(episode.time, episode.q, others.q, progress)
@@ -261,11 +289,13 @@ class Guard:
             self._planners[body.given] = made
         return made
 
-    def _planned(self, reserve: float, step: float) -> Planner:
-        if reserve:
-            return Planner(*with_reserve(self.robot, self.claim, reserve, step))
+    def planned(self, reserve: float, step: float, straight: bool = False) -> Planner:
+        """A planner that keeps a reserve, see with_reserve; straight: of rows without speeds."""
+        claim = replace(self.claim, straight=straight or self.claim.straight)
+        if reserve or claim != self.claim:
+            return planner(*with_reserve(self.robot, claim, reserve, step))
         if self._planner is None:
-            self._planner = Planner(*with_reserve(self.robot, self.claim, 0.0, step))
+            self._planner = planner(*with_reserve(self.robot, self.claim, 0.0, step))
         return self._planner
 
     def _refuse(self, layout: Layout, degrees: bool) -> list[str]:
@@ -277,7 +307,11 @@ class Guard:
             else:
                 whole = body.poses(one.q, one.others.q)
                 said += sense.refuse_foreign(one.name, body.robot, whole, degrees)
-            said += sense.jumps(self.robot, one.time, one.q, self._most)
+            said += sense.jumps(self.robot, one.time, one.q, self.most)
+            if not self.claim.straight and one.others is not None:
+                said.append(
+                    "among joints that others move rows go straight, and no way to rest is proven"
+                )
             notes += [_named(layout, one, note) for note in [*one.notes, *said]]
         return notes
 
@@ -321,7 +355,8 @@ class Guard:
             episodes: as they were read.
             reports: what the audit found of each as it will be written.
         """
-        curve = any(check.name == "stops" for check in reports[0].checks)
+        bent = [any(check.name == "stops" for check in one.checks) for one in reports]
+        curve = any(bent)
         whole = audit.certificate(self.robot, self.demands, reports[0], v=curve)
         bodies = [body for one in episodes if (body := self.body(one)) is not None]
         for body in bodies:
@@ -341,23 +376,18 @@ class Guard:
             "proven": sum(check.total - check.broken for check in paths),
             "bound_m": bound if np.isfinite(bound) else None,
         }
-        whole["covers"] = (
-            "watched pairs of the modelled capsules on straight joint paths, "
-            "accelerations as second differences of rows; no dynamics, no tracking error"
-        )
+        if not curve:
+            whole["covers"] = (
+                "watched pairs of the modelled capsules on straight joint paths, "
+                "accelerations as second differences of rows; no dynamics, no tracking error"
+            )
+        elif not all(bent):
+            straight = "; straight joints, and no way to rest, where others move joints"
+            whole["between_rows"] += straight
+            whole["covers"] += straight
         if bodies:
             whole["covers"] += "; given joints as the motion has them, no floor"
         return whole | {"holds": all(report.holds for report in reports)}
-
-
-def looks(rows: int) -> int:
-    """Rows that `check` tells its progress of, for an episode of so many."""
-    return 2 * rows - 1
-
-
-def work(rows: int) -> int:
-    """Rows that `nearest` tells its progress of, for an episode of so many."""
-    return 5 * rows - 2
 
 
 def _given(episode: Episode) -> tuple[str, ...]:
@@ -379,17 +409,20 @@ def _named(layout: Layout, episode: Episode, note: str) -> str:
 def _merged(layout: Layout, reports: list[audit.Report]) -> dict[str, Any]:
     """The checks of all episodes together: how many, and the worst places."""
     found: dict[str, Any] = {}
-    for number, kind in enumerate(zip(*(report.checks for report in reports), strict=True)):
-        name = kind[0].name
+    names = dict.fromkeys(check.name for report in reports for check in report.checks)
+    for name in names:
+        told = [(one, check) for one, report in zip(layout.episodes, reports, strict=True)
+                for check in report.checks if check.name == name]  # fmt: skip
+        kind = [check for _, check in told]
         worst = [
             (_badness(name, one), _short(layout, episode), one)
-            for episode, check in zip(layout.episodes, kind, strict=True)
+            for episode, check in told
             if check.broken
             for one in check.worst
         ]
         worst.sort(key=lambda item: item[0], reverse=True)
         found[name] = {
-            "unit": reports[0].checks[number].unit,
+            "unit": kind[0].unit,
             "total": sum(check.total for check in kind),
             "broken": sum(check.broken for check in kind),
             "undecided": sum(check.undecided for check in kind),

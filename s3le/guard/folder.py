@@ -150,14 +150,15 @@ def put(
         "robot_hash": robot.digest,
         "certificate": found.summary["certificate"],
     }
-    layout.write(piece.target, q, about)
+    layout.write(piece.target, q, about, found.v)
     written = reading.open(piece.target, robot)
     same = len(written.episodes) == len(q) and all(
         new.q.shape == old.shape
         and (new.q == old).all()
+        and (v is None or (new.v is not None and bool((new.v == v).all())))
         and (new.time == one.time).all()
         and _same(new.others, one.others)
-        for new, old, one in zip(written.episodes, q, layout.episodes, strict=True)
+        for new, old, v, one in zip(written.episodes, q, found.v, layout.episodes, strict=True)
     )
     if not same:
         piece.withdraw()
@@ -171,7 +172,7 @@ def put(
         sidecar.INPUT: held,
         sidecar.OUTPUT: fingerprint(piece.target),
         sidecar.TAG: tag,
-        "changed": any(new is not None for new in found.q),
+        "changed": any(new is not None for new in (*found.q, *found.v)),
     }
     documents.write_json(summary, piece.sidecar)
     return summary

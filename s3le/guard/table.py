@@ -10,7 +10,7 @@ from s3le.guard.folder import CERTIFIED, MADE, Record
 from s3le.store import tables
 from s3le.store.schema import CERTIFICATE, Column, Table, certified, finite, vector
 
-KINDS = ("limits", "velocities", "accelerations", "poses", "paths")
+KINDS = ("limits", "velocities", "accelerations", "stops", "poses", "paths")
 _GOOD = pl.col("status").is_in([CERTIFIED, MADE])
 
 
@@ -21,7 +21,13 @@ def guard(margin: float) -> Table:
         margin: clearance that is claimed of every pose [m].
     """
     broken = {
-        f"broken_{kind}": Column(pl.Int64(), "-", f"{kind} that did not hold in the file as it was")
+        f"broken_{kind}": Column(
+            pl.Int64(),
+            "-",
+            "rows without a proven way to rest; null: not asked"
+            if kind == "stops"
+            else f"{kind} that did not hold in the file as it was",
+        )
         for kind in KINDS
     }
     return Table(

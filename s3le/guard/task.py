@@ -30,6 +30,7 @@ class Reading(NamedTuple):
     degrees: bool = False
     column: str | None = None
     given: tuple[str, ...] = ()  # joints that others move, see motion.fit
+    straight: bool = False  # see layouts.door.open_layout
 
     def open(self, path: Any, robot: Robot) -> Layout:
         """Read a file.
@@ -119,7 +120,9 @@ def encode(found: Cleaned | Refusal) -> bytes:
     if isinstance(found, Refusal):
         return parcel.pack({"refusal": found._asdict()}, {})
     tree = {"summary": found.summary, "episodes": len(found.q)}
-    return parcel.pack(tree, {f"q{i}": q for i, q in enumerate(found.q) if q is not None})
+    held = {f"q{i}": q for i, q in enumerate(found.q) if q is not None}
+    held |= {f"v{i}": v for i, v in enumerate(found.v) if v is not None}
+    return parcel.pack(tree, held)
 
 
 def decode(data: bytes) -> Cleaned | Refusal:
@@ -127,4 +130,5 @@ def decode(data: bytes) -> Cleaned | Refusal:
     tree, arrays = parcel.unpack(data)
     if "refusal" in tree:
         return Refusal(**tree["refusal"])
-    return Cleaned([arrays.get(f"q{i}") for i in range(tree["episodes"])], tree["summary"])
+    q, v = ([arrays.get(f"{key}{i}") for i in range(tree["episodes"])] for key in "qv")
+    return Cleaned(q, tree["summary"], v)

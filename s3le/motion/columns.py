@@ -6,6 +6,7 @@ rate, and keep all joints in one array beside a list of names, behind a root's p
 quaternion.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,9 +28,11 @@ TIMES = (TIME, "times", "t", "timestamp", "timestamps", "time_s")
 RATES = ("fps", "rate", "frame_rate", "framerate", "frequency", "hz", "mocap_framerate")
 STEPS = ("dt", "timestep", "time_step")
 ANGLES = ("q", "qpos", "dof_pos", "dof_position", "joint_pos", "joint_positions", "joint_position")
-SPEEDS = "v"  # beside an array `q` of ours
+SPEEDS = "v"  # of the joints, (n, n_dof), beside the array that holds their angles
 NAMES = ("joint_names", "dof_names", "joints", "names")
 NUMBERING = ("", "frame", "index", "row", "unnamed: 0")
+BASE = re.compile(r"(root|base|floating_base|pelvis|free_?joint)([_. ].*)?", re.IGNORECASE)
+FREE = {*"xyz", "tx", "ty", "tz", "qw", "qx", "qy", "qz", "roll", "pitch", "yaw"}
 ROOT = 7  # numbers of a free base in front of the joints: position and quaternion
 
 Found = tuple[str, np.ndarray] | None
@@ -61,8 +64,8 @@ def interpret(
     v: np.ndarray | None = None
     if key is not None:
         names, q = _columns(name, key, _numbers(name, key, table[key]), of_joints)
-        if key == ANGLES[0] and np.shape(table.get(SPEEDS, 0.0)) == np.shape(table[key]):
-            v = _columns(name, SPEEDS, _numbers(name, SPEEDS, table[SPEEDS]), of_joints)[1]
+        if np.shape(table.get(SPEEDS, 0.0)) == q.shape:
+            v = _numbers(name, SPEEDS, table[SPEEDS])
     else:
         skip = {*TIMES, *RATES, *STEPS, *NUMBERING, *NAMES, HEADING, CLEARANCE, MODE}
         names = [key for key in table if key.lower() not in skip]
@@ -70,9 +73,6 @@ def interpret(
         names = [one for one in names if one not in fast]
         if not names:
             raise TrajectoryError(f"{name}: has no column of a joint; it has: {_list(table)}")
-        if fast and {one.removesuffix(SPEED) for one in fast} != set(names):
-            still = next(one for one in names if one + SPEED not in fast)
-            raise TrajectoryError(f"{name}: tells the speed of some joints, but not of '{still}'")
         for key in names:
             if np.ndim(table[key]) != 1:
                 raise TrajectoryError(
@@ -84,8 +84,7 @@ def interpret(
             raise TrajectoryError(f"{name}: columns are of different lengths, {lengths}"[:300])
         q = np.stack([_numbers(name, key, table[key]) for key in names], axis=1)
         if fast:
-            told = [_numbers(name, one + SPEED, table[one + SPEED]) for one in names]
-            v = np.stack(told, axis=1)
+            v = np.stack([_speed(name, one, table) for one in names], axis=1)
     clearance, mode = find(table, (CLEARANCE,)), find(table, (MODE,))
     heading = find(table, (HEADING,))
     turned = None if heading is None else _numbers(name, *heading)
@@ -95,6 +94,16 @@ def interpret(
         v = None  # as of a clearance: somebody took the claim away
     time = clock(name, table, len(q), fps)
     return make(name, names, time, q, clear, how, about, first, row_is, turned, v)
+
+
+def _speed(name: str, joint: str, table: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Speeds of a joint in a file that tells some: 0 of one that stands, and of the base."""
+    if joint + SPEED in table:
+        return _numbers(name, joint + SPEED, table[joint + SPEED])
+    q = _numbers(name, joint, table[joint])
+    if not ((q == q[:1]).all() or BASE.fullmatch(joint) or joint.lower() in FREE):
+        raise TrajectoryError(f"{name}: tells the speed of some joints, but not of '{joint}'")
+    return np.zeros(len(q))
 
 
 def angles(name: str, table: Mapping[str, np.ndarray]) -> str | None:

@@ -1,6 +1,5 @@
 """A trajectory held against a robot: its joints in the robot's order, nothing silently dropped."""
 
-import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -10,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from s3le.errors import TrajectoryError
+from s3le.motion.columns import BASE, FREE
 from s3le.motion.trajectory import Trajectory
 from s3le.robot.description import ALL
 from s3le.robot.model import Geometry
 
 MOVING = "moving"  # as the only one given: those that do not stand where the robot file has them
 ENDINGS = ("_pos", ".pos", "_position", "_dof", ".dof", "_rad")  # that other tools add to names
-BASE = re.compile(r"(root|base|floating_base|pelvis|free_?joint)([_. ].*)?", re.IGNORECASE)
-FREE = {*"xyz", "tx", "ty", "tz", "qw", "qx", "qy", "qz", "roll", "pitch", "yaw"}
 HELD_WITHIN = 1e-6  # [rad] or [m], how exactly a joint must stand where the robot holds it
 WILD = 5.0  # so many times as far from zero as a range goes is no angle in radians
 

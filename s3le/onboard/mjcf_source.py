@@ -75,8 +75,11 @@ def read(path: Path, collision_only: bool = False) -> Source:
             drawn.setdefault(link, []).append(shape)
     drawn = {link: found for link, found in drawn.items() if link not in unread}
     apart = {frozenset(renamed.get(k, k) for k in pair): why for pair, why in robot.apart.items()}
-    found = Source(path, root, shapes, drawn, unread, model, renamed, notes, robot.joints, apart,
-                   stand.keys(document.root, robot.width))  # fmt: skip
+    inertial = {renamed.get(link, link): item for link, item in robot.inertial.items()}
+    found = Source(
+        path, root, shapes, drawn, unread, model, renamed, notes, robot.joints, apart, inertial,
+        robot.armature, stand.keys(document.root, robot.width),
+    )  # fmt: skip
     found.settle(collision_only)
     return found
 

@@ -38,6 +38,8 @@ class Robot:
     joints: list[str]  # that an actuator drives, all where there is no actuator; MuJoCo's order
     passive: list[str]  # that none drives although others are driven
     apart: dict[frozenset[str], str]  # pairs of links that <exclude> takes off, and why
+    inertial: dict[str, ElementTree.Element]  # a URDF's, of links; empty: some body tells none
+    armature: dict[str, float]  # [kg m^2] by joint
     notes: list[str] = field(default_factory=list)
     width: dict[str, int] = field(default_factory=dict)  # numbers in qpos of each joint, in order
 
@@ -51,13 +53,17 @@ def build(document: mjcf.Document) -> Robot:
     builder = _Builder(document)
     builder.find()
     builder.couple()
+    builder.strengthen()
     driven = {item.get("joint") or item.get("jointinparent")
               for group in document.root.findall("actuator") for item in group}  # fmt: skip
     some = driven & set(builder.order)
     joints = [name for name in builder.order if name in driven or not some]
     passive = [name for name in builder.order if name not in joints]
-    return Robot(builder.root, builder.geoms, joints, passive, builder.apart(), builder.notes,
-                 builder.width)  # fmt: skip
+    return Robot(
+        builder.root, builder.geoms, joints, passive, builder.apart(),
+        {} if builder.weightless else builder.inertial, builder.armature, builder.notes,
+        builder.width,
+    )  # fmt: skip
 
 
 class _Builder:
@@ -73,6 +79,11 @@ class _Builder:
         self.links: set[str] = set()  # names that are taken
         self.built: set[str] = set()
         self.joints: set[str] = set()
+        self.inertial: dict[str, ElementTree.Element] = {}
+        # A body says no <inertial>, or what it says is not asked, and MuJoCo weighs its geoms.
+        self.weightless = any(item.get("inertiafromgeom") == "true"
+                              for item in document.root.iter("compiler"))  # fmt: skip
+        self.armature: dict[str, float] = {}
         self.fixed = self._held()
 
     def find(self) -> None:
@@ -137,6 +148,33 @@ class _Builder:
             }
             ElementTree.SubElement(named[one], "mimic", mimic)
 
+    def strengthen(self) -> None:
+        """What a motor's forcerange says of a joint that names no effort itself."""
+        limits = {item.get("name"): item.find("limit") for item in self.root.findall("joint")}
+        for item in (one for group in self.document.root.findall("actuator") for one in group):
+            name = item.get("joint")
+            where = f"{self.path}: the actuator of '{name}'"
+            said = self.document.attributes(item, where, None)
+            limit = limits.get(name)
+            if limit is not None and "forcerange" in said and not float(limit.get("effort", "0")):
+                force = np.abs(mjcf.numbers(said, "forcerange", where, 2)).min()
+                limit.set("effort", repr(float(force)))
+
+    def _weigh(self, link: str, item: ElementTree.Element, where: str) -> None:
+        """What a body's <inertial> says."""
+        told = item.find("inertial")
+        if told is None:
+            self.weightless |= item.find("geom") is not None
+            return
+        said, where = dict(told.attrib), f"{where}: its inertial"
+        mass = float(mjcf.numbers(said, "mass", where, 1)[0])
+        if "fullinertia" in said:
+            xx, yy, zz, xy, xz, yz = mjcf.numbers(said, "fullinertia", where, 6)
+            moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        else:
+            moments = np.diag(mjcf.numbers(said, "diaginertia", where, 3, "0 0 0"))
+        self.inertial[link] = inertial(mass, self.document.place(said, where), moments)
+
     def apart(self) -> dict[frozenset[str], str]:
         """Pairs of bodies that <exclude> names."""
         found = {}
@@ -178,6 +216,7 @@ class _Builder:
                 raise RobotError(f"{where} floats and has further joints, which is not read")
         else:
             self._chain(name, parent, at, joints, where)
+        self._weigh(name, item, where)
         for child, frame, inner in children:
             if child.tag == "geom":
                 place = f"{where}: geom '{child.get('name') or len(self.geoms)}'"
@@ -255,6 +294,7 @@ class _Builder:
             ElementTree.SubElement(item, "limit", ends | {"effort": repr(float(force))})
         self.order.append(name)
         self.refs[name] = ref
+        self.armature[name] = float(mjcf.numbers(said, "armature", where, 1, "0")[0])
 
     def _range(
         self, said: dict[str, str], turns: bool, where: str
@@ -313,6 +353,25 @@ def _curve(said: dict[str, str], where: str) -> np.ndarray:
     words = said.get("polycoef", "").split()
     whole = {"polycoef": " ".join([*words, *"0 1 0 0 0".split()[len(words) :]])}
     return mjcf.numbers(whole, "polycoef", where, 5)
+
+
+def inertial(mass: float, at: pin.SE3, moments: np.ndarray) -> ElementTree.Element:
+    """A URDF's <inertial>.
+
+    Args:
+        mass: [kg].
+        at: where its centre is and how its frame is turned, in the link's frame.
+        moments: [kg m^2], (3, 3), about the centre, in that frame.
+    """
+    item = ElementTree.Element("inertial")
+    place = {"xyz": _words(at.translation), "rpy": _words(pin.rpy.matrixToRpy(at.rotation))}
+    ElementTree.SubElement(item, "origin", place)
+    ElementTree.SubElement(item, "mass", {"value": repr(float(mass))})
+    at_rows = zip("xyz", moments, strict=True)
+    values = {f"i{a}{b}": repr(float(v)) for a, row in at_rows
+              for b, v in zip("xyz", row, strict=True) if a <= b}  # fmt: skip
+    ElementTree.SubElement(item, "inertia", values)
+    return item
 
 
 def _words(values: np.ndarray) -> str:

@@ -57,6 +57,8 @@ class Source:
     notes: list[str] = field(default_factory=list)
     order: list[str] | None = None  # of joints that may move, where the file has one of its own
     apart: dict[frozenset[str], str] = field(default_factory=dict)  # links not to be watched, why
+    inertial: dict[str, ElementTree.Element] = field(default_factory=dict)  # <inertial> by link
+    armature: dict[str, float] = field(default_factory=dict)  # [kg m^2] by joint, of its motor
     poses: dict[str, dict[str, float]] = field(default_factory=dict)  # that the file holds, by name
 
     def settle(self, collision_only: bool) -> None:
@@ -119,7 +121,9 @@ def read(path: Path, packages: Sequence[Path] = (), collision_only: bool = False
             unread[name], seen = str(refusal), []
         if seen:
             drawn[name] = seen
-    source = Source(path, root, shapes, drawn, unread, model, renamed, notes)
+    inertial = {link.get("name", ""): item for link in tree.findall("link")
+                if (item := link.find("inertial")) is not None}  # fmt: skip
+    source = Source(path, root, shapes, drawn, unread, model, renamed, notes, inertial=inertial)
     source.settle(collision_only)
     return source
 

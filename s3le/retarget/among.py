@@ -120,7 +120,7 @@ def convert_among(
     plan = planner.plan(np.cumsum(dt), wanted, skeleton=True, progress=told)
 
     most = dict(zip(robot.joint_names, retargeter.most.acceleration.tolist(), strict=True))
-    its, asked = claim(robot, None, retargeter.settings.speed_factor, most)
+    its, asked = claim(robot, None, retargeter.settings.speed_factor, most, straight=True)
     guard = clean.Guard(its, replace(asked, between=retargeter.settings.between))
     numbers = Numbers(
         tuple(np.ascontiguousarray(column) for column in plan.q.T), (False,) * robot.n_dof,

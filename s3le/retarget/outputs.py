@@ -12,7 +12,7 @@ from s3le.motion.root import Root
 from s3le.motion.whole import Whole
 from s3le.retarget.clip import Result
 from s3le.robot.robot import Robot
-from s3le.safety import paths
+from s3le.safety import audit, paths
 from s3le.store import documents, sidecar
 
 TABLE = "retarget.parquet"  # what became of each clip; see s3le.retarget.clips
@@ -167,9 +167,4 @@ def _straight(result: Result, robot: Robot) -> dict[str, Any]:
     """Whether a motion's rows hold too if joints move straight between them, as tools take them."""
     between = result.summary["certificate"]["margin_between_m"]
     status = paths.certify(robot, result.motion.q, between).status
-    missing = int((status != paths.CERTIFIED).sum())
-    return {
-        "proven": missing == 0,
-        "steps_not_proven": missing,
-        "about": "joints that move straight from row to row; what is certified is the curve",
-    }
+    return audit.straight_rows(int((status != paths.CERTIFIED).sum()))

@@ -14,7 +14,7 @@ from s3le.guard.layouts import matched
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import whole
 from s3le.motion.columns import ANGLES, ROOT, SPEEDS, angles, clock, find, named, placed
-from s3le.motion.trajectory import MODE
+from s3le.motion.trajectory import MODE, SPEED
 from s3le.robot.model import Geometry
 
 
@@ -44,6 +44,7 @@ def read(
     given: Sequence[str] = (),
     about: Mapping[str, Any] | None = None,
     numbered: bool = False,
+    paced: bool = False,
     first: int = 0,
     row_is: str = "row",
 ) -> Found:
@@ -59,6 +60,7 @@ def read(
         given: joints that others move, see motion.fit.
         about: what the file says about itself.
         numbered: who writes this layout without names writes joints as MuJoCo numbers them.
+        paced: the layout has a place for speeds.
         first, row_is: see trajectory.make.
 
     Raises:
@@ -66,10 +68,12 @@ def read(
     """
     notes: list[str] = []
     key, names = angles(name, table), named(name, table, joints)
-    mode = _words(table)
+    mode, speeds = _words(table), None
     if key is None:
         keys = [key for key in table if key.lower() not in matched.KNOWN]
         some = matched.match(name, keys, robot)
+        own_speeds = {keys[i]: keys[i] + SPEED for i in some.own}
+        speeds = {joint: table[one] for joint, one in own_speeds.items() if one in table}
         columns = {keys[i]: table[keys[i]] for i in some.joints}
         for one_of, values in columns.items():
             if values.ndim != 1 or len(values) != len(columns[keys[some.joints[0]]]):
@@ -78,7 +82,8 @@ def read(
                     f"joints in one array called {', '.join(ANGLES)}"
                 )
         place = Place(tuple(keys[i] for i in some.own), ())
-        notes += matched.kept(some.strangers, "arrays")
+        strangers = [one for one in some.strangers if one not in own_speeds.values()]
+        notes += matched.kept(strangers, "arrays")
     else:
         raw = table[key]
         if names is None and numbered:
@@ -91,10 +96,15 @@ def read(
         if skip:
             notes.append(f"the first {skip} columns of {key} are a free base and stay as they are")
         notes += matched.kept(some.strangers)
+        here, fits = table.get(SPEEDS), (len(raw), len(names))
+        if here is not None and here.shape == fits and here.dtype.kind == "f":
+            speeds = {joint: here[:, i] for i, joint in enumerate(names)}
+        elif here is None:
+            speeds = {}
         others = [
             k
             for k in table
-            if not (k == key or about and k == SPEEDS)
+            if not (k == key or k == SPEEDS and (about or speeds))
             and k.lower() not in matched.KNOWN
             and _rows(table[k])
         ]
@@ -103,9 +113,24 @@ def read(
     one = matched.episode(
         name, columns, clock(name, table, rows, fps), robot, degrees=degrees, given=given,
         about=about, mode=mode if mode is not None and mode.shape == (rows,) else None, notes=notes,
-        first=first, row_is=row_is,
+        speeds=speeds if paced else None, first=first, row_is=row_is,
     )  # fmt: skip
     return Found(one, place)
+
+
+def put_speeds(
+    place: Place, table: Mapping[str, np.ndarray], columns: Sequence[np.ndarray]
+) -> dict[str, np.ndarray]:
+    """The arrays that hold speeds, with new numbers; those of joints that nobody tells are 0."""
+    if not place.columns:
+        return {key + SPEED: new for key, new in zip(place.keys, columns, strict=True)}
+    joints = table[place.keys[0]]
+    shape = (len(joints), joints.shape[1] - place.skip)
+    told = np.array(table[SPEEDS]) if SPEEDS in table else np.zeros(shape)
+    told[np.isnan(told)] = 0.0
+    for at, new in zip(place.columns, columns, strict=True):
+        told[:, at - place.skip] = new
+    return {SPEEDS: told}
 
 
 def put(

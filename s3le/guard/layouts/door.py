@@ -8,7 +8,6 @@ from s3le.errors import TrajectoryError
 from s3le.guard.layouts import hdf5, lerobot, npz, parquet, pickled, text
 from s3le.guard.layouts.episode import Layout
 from s3le.motion import files as motions
-from s3le.motion.fit import fit
 from s3le.robot.model import Geometry
 
 _Open = Callable[[Path, Geometry, float | None, Sequence[str] | None, bool, Sequence[str]], Layout]
@@ -46,6 +45,7 @@ def open_layout(
     degrees: bool = False,
     given: Sequence[str] = (),
     column: str | None = None,
+    straight: bool = False,
 ) -> Layout:
     """Read the motions of a file or folder, and remember how they were written.
 
@@ -57,6 +57,7 @@ def open_layout(
         degrees: the angles are in degrees.
         given: joints that others move, see motion.fit; any other stands as the robot file says.
         column: of a LeRobot folder: which column holds the joints; None: action.
+        straight: speeds of files that are not ours are not looked at.
 
     Raises:
         TrajectoryError: names the file, the place in it, what is wrong and what to do.
@@ -85,9 +86,9 @@ def open_layout(
             what = "is empty" if not begin else f"is no {name}"
             raise TrajectoryError(f"{path}: {what}")
         layout = _OPEN[kind](path, robot, fps, joints, degrees, given)
-        if motions.tells_speeds(path):
-            told = fit(motions.read(path, fps, joints), robot, degrees, given).trajectory
-            layout.episodes[0] = layout.episodes[0]._replace(v=told.v)
+        if straight and layout.episodes[0].v is not None and not motions.tells_speeds(path):
+            layout.episodes[0].notes.append("its speeds stay as they are")
+            layout.episodes[0] = layout.episodes[0]._replace(v=None)
         return layout
     except OSError as error:
         raise TrajectoryError(f"{path}: {error.strerror or error}") from None

@@ -29,7 +29,8 @@ class Episode(NamedTuple):
     numbers: Numbers  # how the file writes these angles
     mode: np.ndarray | None = None  # str (m,), how each row came about; see trajectory.BETWEEN
     others: Others | None = None  # joints that others move; they stay as they are, to the bit
-    v: np.ndarray | None = None  # [rad/s], (m, n), where the file is a curve; gone once q is moved
+    v: np.ndarray | None = None  # [rad/s], (m, n), where the file tells them: then it is a curve
+    pace: Numbers | None = None  # how the file writes speeds; None: it has no place for them
 
     def as_written(self, q: np.ndarray) -> np.ndarray:
         """The angles that a file holds after `write` was given q [rad], (m, n).
@@ -43,6 +44,16 @@ class Episode(NamedTuple):
         """
         return self.numbers.as_written(self.name, q)
 
+    def paced(self, v: np.ndarray) -> np.ndarray:
+        """The speeds [rad/s], (m, n), that a file holds after `write` was given v.
+
+        v itself where the file has no place for speeds.
+
+        Raises:
+            TrajectoryError: v has another shape, or is not finite.
+        """
+        return v if self.pace is None else self.pace.as_written(f"{self.name}, speeds", v)
+
 
 class Layout(Protocol):
     """A file or folder that was read."""
@@ -54,7 +65,11 @@ class Layout(Protocol):
         """Where the base link is, in a file of one motion; None: it does not say (roots.KNOWN)."""
 
     def write(
-        self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
+        self,
+        target: Path,
+        q: Sequence[np.ndarray],
+        about: Mapping[str, Any] | None = None,
+        v: Sequence[np.ndarray | None] | None = None,
     ) -> None:
         """Write the file again with other angles, whole or not at all.
 
@@ -68,6 +83,8 @@ class Layout(Protocol):
             q: angles of each episode [rad], (m, n), as `episodes`.
             about: what is said of the new file (robot, robot_hash, certificate, as JSON can
                 hold it), in layouts that have a place for words of ours; others leave it out.
+            v: speeds of each episode [rad/s], (m, n), where it has a place for them; None: none
+                are told, and those that a file of ours tells go where q has changed.
 
         Raises:
             TrajectoryError: q is not of these episodes, or is not finite; or target is a folder

@@ -52,7 +52,11 @@ class Hdf5Layout:
         return roots.of_arrays(dict(motion.table) | said, motion.found.place)
 
     def write(
-        self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
+        self,
+        target: Path,
+        q: Sequence[np.ndarray],
+        about: Mapping[str, Any] | None = None,
+        v: Sequence[np.ndarray | None] | None = None,
     ) -> None:
         """See Layout."""
         matched.check(self.episodes, q, self.path)

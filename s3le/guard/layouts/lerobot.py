@@ -70,7 +70,11 @@ class LeRobotLayout:
         return None
 
     def write(
-        self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
+        self,
+        target: Path,
+        q: Sequence[np.ndarray],
+        about: Mapping[str, Any] | None = None,
+        v: Sequence[np.ndarray | None] | None = None,
     ) -> None:
         """See Layout."""
         matched.check(self.episodes, q, self.path)

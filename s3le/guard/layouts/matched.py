@@ -74,6 +74,7 @@ def episode(
     about: Mapping[str, Any] | None = None,
     mode: np.ndarray | None = None,
     notes: Sequence[str] = (),
+    speeds: Mapping[str, np.ndarray] | None = None,
     first: int = 0,
     row_is: str = "row",
 ) -> Episode:
@@ -89,6 +90,8 @@ def episode(
         about: what the file says about itself.
         mode: str (m,), or None.
         notes: what was assumed so far.
+        speeds: (m,) each, by the name of the joint's column; none of one: the file has a place for
+            them and does not tell them. None: it has no place.
         first, row_is: see trajectory.make.
 
     Raises:
@@ -112,7 +115,27 @@ def episode(
     for i, values in enumerate(raw):  # what is written is found by what was read
         assert np.array_equal(decode(values, turned[i]), trajectory.q[:, i])
     notes = [*notes, *told]
-    return Episode(name, read.time, trajectory.q, notes, numbers, read.mode, others)
+    v, pace = None, None
+    # Among joints that others move rows go straight.
+    if speeds is not None and others is None and all(s.dtype.kind == "f" for s in speeds.values()):
+        pace = _pace([speeds.get(names[i]) for i in matched.own], turned, trajectory.q.shape)
+        for row, i in np.argwhere(np.isinf(pace.q))[:1]:
+            raise TrajectoryError(
+                f"{name}: {row_is} {first + row}: the speed of {robot.joint_names[i]} is "
+                f"{pace.q[row, i]}"
+            )
+        v = pace.q if np.isfinite(pace.q).all() else None  # NaN: somebody took the claim away
+    return Episode(name, read.time, trajectory.q, notes, numbers, read.mode, others, v, pace)
+
+
+def _pace(
+    told: Sequence[np.ndarray | None], turned: tuple[bool, ...], shape: tuple[int, ...]
+) -> Numbers:
+    """How a file writes speeds of the robot's joints; q of it is NaN where they are not told."""
+    raw = tuple(np.full(shape[0], np.nan) if one is None else one for one in told)
+    q = np.stack([decode(one, turn) for one, turn in zip(raw, turned, strict=True)], axis=1)
+    free = np.full(shape[1], np.inf)
+    return Numbers(raw, turned, q, -free, free)
 
 
 def timed(columns: Sequence[str]) -> str | None:

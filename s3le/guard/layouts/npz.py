@@ -36,7 +36,11 @@ class NpzLayout:
         return roots.of_arrays(self._table, self._place)
 
     def write(
-        self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
+        self,
+        target: Path,
+        q: Sequence[np.ndarray],
+        about: Mapping[str, Any] | None = None,
+        v: Sequence[np.ndarray | None] | None = None,
     ) -> None:
         """See Layout."""
         matched.check(self.episodes, q, self.path)
@@ -49,6 +53,8 @@ class NpzLayout:
             changed = one.numbers.changed(columns)
             if changed.any():
                 new |= self._claims(changed)
+        if (speeds := claims.paced(one, v)) is not None:
+            new |= arrays.put_speeds(self._place, self._table, speeds)
         made = _copied(self._data, {key: _encoded(array) for key, array in new.items()})
         replace(target, lambda part: part.write_bytes(made))
 
@@ -67,7 +73,7 @@ class NpzLayout:
 
 
 class NpyLayout:
-    """One array (m, width)."""
+    """One array (m, width); it has no place for speeds."""
 
     def __init__(self, path: Path, found: Found, array: np.ndarray) -> None:  # noqa: D107
         self.path, self.episodes = path, [found.episode]
@@ -78,7 +84,11 @@ class NpyLayout:
         return None  # nobody says which of four numbers is w
 
     def write(
-        self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
+        self,
+        target: Path,
+        q: Sequence[np.ndarray],
+        about: Mapping[str, Any] | None = None,
+        v: Sequence[np.ndarray | None] | None = None,
     ) -> None:
         """See Layout."""
         matched.check(self.episodes, q, self.path)
@@ -106,8 +116,9 @@ def open_npz(
     table = npz.read_npz(path, TrajectoryError, MOST_BYTES, data=data)
     said = told(table.get(ABOUT))
     found = arrays.read(
-        str(path), table, robot, fps=fps, joints=joints, degrees=degrees, given=given, about=said
-    )
+        str(path), table, robot, fps=fps, joints=joints, degrees=degrees, given=given, about=said,
+        paced=True,
+    )  # fmt: skip
     return NpzLayout(path, found, table if said else _without(table, ABOUT), data)
 
 
@@ -144,13 +155,18 @@ def _encoded(array: np.ndarray) -> bytes:
 
 
 def _copied(data: bytes, new: Mapping[str, bytes]) -> bytes:
-    """The same archive: entries in their order and compression, some with other bytes."""
-    sink = io.BytesIO()
+    """The same archive: entries in their order and compression, some with other bytes, then new."""
+    sink, left = io.BytesIO(), dict(new)
     with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(sink, "w") as to:
         for entry in old.infolist():
             key = entry.filename.removesuffix(".npy")
             info = zipfile.ZipInfo(entry.filename, entry.date_time)
             info.compress_type, info.external_attr = entry.compress_type, entry.external_attr
             info.create_system = entry.create_system
-            to.writestr(info, new[key] if key in new else old.read(entry))
+            to.writestr(info, left.pop(key) if key in left else old.read(entry))
+        for key, held in left.items():  # packed as the last one is
+            added = zipfile.ZipInfo(f"{key}.npy", info.date_time)
+            added.compress_type, added.external_attr = info.compress_type, info.external_attr
+            added.create_system = info.create_system
+            to.writestr(added, held)
     return sink.getvalue()

@@ -12,8 +12,8 @@ from s3le.errors import TrajectoryError
 from s3le.guard.layouts import arrays, claims, matched, roots
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import parquet
-from s3le.motion.columns import ANGLES, NAMES, RATES, STEPS, clock
-from s3le.motion.trajectory import CLEARANCE, MODE, Placed, twice
+from s3le.motion.columns import ANGLES, NAMES, RATES, SPEEDS, STEPS, clock
+from s3le.motion.trajectory import CLEARANCE, MODE, SPEED, Placed, twice
 from s3le.robot.model import Geometry
 from s3le.store.atomic import replace
 
@@ -41,16 +41,24 @@ class ParquetLayout:
         return roots.of_arrays(read, self._place)
 
     def write(
-        self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
+        self,
+        target: Path,
+        q: Sequence[np.ndarray],
+        about: Mapping[str, Any] | None = None,
+        v: Sequence[np.ndarray | None] | None = None,
     ) -> None:
         """See Layout."""
         matched.check(self.episodes, q, self.path)
         one, table = self.episodes[0], self._table
-        columns = one.numbers.encode(one.name, q[0])
+        columns, told = one.numbers.encode(one.name, q[0]), claims.paced(one, v)
         old = {key: parquet.numbers(self.path, key, table[key]) for key in self._place.keys}
         new = arrays.put(self._place, old, columns)
         if _ours(table.schema.metadata):
-            new |= _claims(self.path, one, table, one.numbers.changed(columns))
+            new |= _claims(self.path, one, table, one.numbers.changed(columns), told is None)
+        if told is not None:
+            here = {k: parquet.numbers(self.path, k, table[k]) for k in table.column_names
+                    if k in (*self._place.keys, SPEEDS)}  # fmt: skip
+            new |= arrays.put_speeds(self._place, here, told)
         table = renewed(table, new).replace_schema_metadata(_told(table.schema.metadata, about))
         replace(target, lambda part: store(table, part, self._how))
 
@@ -128,9 +136,16 @@ def store(table: pa.Table, part: Path, how: Storage) -> None:
 
 
 def renewed(table: pa.Table, new: Mapping[str, np.ndarray]) -> pa.Table:
-    """A table with other numbers in some columns, (n,) or (n, width), in their own types."""
+    """A table with other numbers in some columns, (n,) or (n, width), in their own types.
+
+    A column that it does not have comes behind all others.
+    """
     for key, values in new.items():
         at = table.schema.get_field_index(key)
+        if at < 0:
+            kind = pa.float64() if values.ndim == 1 else pa.list_(pa.float64())
+            table = table.append_column(key, _column(kind, values))
+            continue
         kind = table.schema.field(at).type
         table = table.set_column(at, table.schema.field(at), _column(kind, values))
     return table
@@ -164,11 +179,14 @@ def open_parquet(
             here[key] = np.array([str(word) for word in about[key]])
     if MODE in table.column_names and _worded(table[MODE].type):
         here[MODE] = parquet.numbers(path, MODE, table[MODE])
+    if lists and SPEEDS in table.column_names and _listed(table[SPEEDS].type):
+        here[SPEEDS] = parquet.numbers(path, SPEEDS, table[SPEEDS])
     strangers = [n for n in table.column_names if n not in here and n.lower() not in matched.KNOWN]
     if lists:
         found = arrays.read(
-            name, here, robot, fps=fps, joints=joints, degrees=degrees, given=given, about=about
-        )
+            name, here, robot, fps=fps, joints=joints, degrees=degrees, given=given, about=about,
+            paced=SPEEDS in here or SPEEDS not in table.column_names,
+        )  # fmt: skip
         found.episode.notes.extend(matched.kept(strangers))
         return ParquetLayout(path, found.episode, table, how, found.place)
     if "action" in strangers and _listed(table["action"].type):
@@ -182,19 +200,22 @@ def open_parquet(
     for key, values in columns.items():
         if values.ndim != 1:
             raise TrajectoryError(f"{name}: '{key}' holds lists; wanted one number a row")
-    # Speeds are taken away where anything is changed.
-    told_too = claims.speeds(table.column_names) if _ours(table.schema.metadata) else []
-    others = [one for one in match.strangers if one not in told_too]
+    # Speeds are told, or taken away, where anything is changed.
+    own = {strangers[i]: strangers[i] + SPEED for i in match.own}
+    ours = claims.speeds(table.column_names) if _ours(table.schema.metadata) else ()
+    others = [one for one in match.strangers if one not in (*own.values(), *ours)]
+    speeds = {joint: parquet.numbers(path, one, table[one]) for joint, one in own.items()
+              if one in table.column_names}  # fmt: skip
     one = matched.episode(
         name, columns, clock(name, here, table.num_rows, fps), robot, degrees=degrees, given=given,
-        about=about, mode=here.get(MODE), notes=matched.kept(others),
+        about=about, mode=here.get(MODE), notes=matched.kept(others), speeds=speeds,
     )  # fmt: skip
     keys = tuple(strangers[i] for i in match.own)
     return ParquetLayout(path, one, table, how, arrays.Place(keys, ()))
 
 
 def _claims(
-    path: Path, one: Episode, table: pa.Table, changed: np.ndarray
+    path: Path, one: Episode, table: pa.Table, changed: np.ndarray, straight: bool
 ) -> dict[str, np.ndarray]:
     new: dict[str, np.ndarray] = {}
     if CLEARANCE in table.column_names and pa.types.is_floating(table[CLEARANCE].type):
@@ -202,7 +223,7 @@ def _claims(
         new[CLEARANCE] = claims.clearance(old, changed)
     if one.mode is not None:
         new[MODE] = claims.mode(one.mode, changed)
-    if changed.any():
+    if straight and changed.any():
         for name in claims.speeds(table.column_names):
             new[name] = np.full(table.num_rows, np.nan)
     return new

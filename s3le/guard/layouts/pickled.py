@@ -41,7 +41,11 @@ class PickleLayout:
         return roots.of_arrays(self._table, self._place, xyzw=True)
 
     def write(
-        self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
+        self,
+        target: Path,
+        q: Sequence[np.ndarray],
+        about: Mapping[str, Any] | None = None,
+        v: Sequence[np.ndarray | None] | None = None,
     ) -> None:
         """See Layout."""
         matched.check(self.episodes, q, self.path)

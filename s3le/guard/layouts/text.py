@@ -16,7 +16,7 @@ from s3le.guard.layouts import arrays, claims, matched, roots
 from s3le.guard.layouts.episode import Episode
 from s3le.motion import text
 from s3le.motion.columns import ANGLES, clock
-from s3le.motion.trajectory import CLEARANCE, MODE, Placed, runs, twice
+from s3le.motion.trajectory import CLEARANCE, MODE, SPEED, Placed, runs, twice
 from s3le.robot.model import Geometry
 from s3le.store import documents
 from s3le.store.atomic import replace
@@ -43,13 +43,18 @@ class TextLayout:
         return roots.of_columns([found[at] for at in some])
 
     def write(
-        self, target: Path, q: Sequence[np.ndarray], about: Mapping[str, Any] | None = None
+        self,
+        target: Path,
+        q: Sequence[np.ndarray],
+        about: Mapping[str, Any] | None = None,
+        v: Sequence[np.ndarray | None] | None = None,
     ) -> None:
         """See Layout."""
         matched.check(self.episodes, q, self.path)
         one, table = self.episodes[0], self._table
         columns = one.numbers.encode(one.name, q[0])
         changed = one.numbers.changed(columns)
+        told = claims.paced(one, v)
         new: dict[int, list[str | None]] = {}  # column -> its field in each row; None: as it was
         for at, column, old in zip(self._own, columns, one.numbers.raw, strict=True):
             other = (column != old).tolist()
@@ -59,10 +64,17 @@ class TextLayout:
                 if name in table.header:
                     at = table.header.index(name)
                     new[at] = [word if row else None for row in changed.tolist()]
-            if changed.any():
+            if changed.any() and told is None:
                 for name in claims.speeds(table.header):
                     new[table.header.index(name)] = ["nan"] * len(table.rows)
-        made = table.text(new)
+        added: dict[str, list[str]] = {}
+        for at, column in zip(self._own, told or (), strict=False):
+            name, fields = table.header[at] + SPEED, [repr(value) for value in column.tolist()]
+            if name in table.header:
+                new[table.header.index(name)] = list(fields)
+            else:
+                added[name] = fields
+        made = table.text(new, added)
         data = made.encode()
         replace(target, lambda part: part.write_bytes(data))
         if table.about:  # last: until it lies there nothing is claimed about the CSV
@@ -151,8 +163,10 @@ class _Table:
         """Words of a column, str (rows,)."""
         return np.array([self.values(line)[at] for line in self.rows], str)
 
-    def text(self, new: Mapping[int, Sequence[str | None]]) -> str:
-        """The whole text, some fields of some rows other than they were."""
+    def text(
+        self, new: Mapping[int, Sequence[str | None]], added: Mapping[str, Sequence[str]]
+    ) -> str:
+        """The whole text, some fields of some rows other than they were, and columns behind all."""
         lines = list(self.bare)
         for row, line in enumerate(self.rows):
             change = {at: column[row] for at, column in new.items() if column[row] is not None}
@@ -162,6 +176,10 @@ class _Table:
                     assert word is not None
                     fields[at] = _instead(fields[at], word)
                 lines[line] = self.comma.join(fields)
+            if added:
+                lines[line] = self.comma.join([lines[line], *(one[row] for one in added.values())])
+        if added:
+            lines[0] = self.comma.join([lines[0], *added])
         return self.mark + "".join(map(str.__add__, lines, self.ends))
 
 
@@ -209,8 +227,11 @@ def _with_names(
     wanted = {at: header[at] for at in some.joints}
     if timed is not None and fps is None:
         wanted[header.index(timed)] = timed
+    own = {header[at]: header[at] + SPEED for at in some.own}
+    wanted |= {header.index(one): one for one in own.values() if one in header}
     columns = table.columns(wanted)
-    told = claims.speeds(header) if table.about else []  # taken away where anything is changed
+    # Told or taken away where anything is changed.
+    told = [*own.values(), *(claims.speeds(header) if table.about else ())]
     strangers = [n for n in some.strangers if n.lower() not in matched.KNOWN and n not in told]
     time = {} if timed is None else {timed: columns.get(header.index(timed), np.zeros(0))}
     one = matched.episode(
@@ -218,6 +239,7 @@ def _with_names(
         clock(str(path), time, len(table.rows), fps), robot, degrees=degrees, given=given,
         about=table.about, mode=table.words(header.index(MODE)) if MODE in header else None,
         notes=matched.kept(strangers),
+        speeds={joint: columns[header.index(v)] for joint, v in own.items() if v in header},
         first=table.first, row_is="line",
     )  # fmt: skip
     return TextLayout(path, one, table, some.own)
