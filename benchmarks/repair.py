@@ -3,7 +3,7 @@
     pip install mink==1.3.0 pin-pink==4.4.0 daqp
     python benchmarks/repair.py [--robots coman,g1] [--solvers mink,pink] [--keep data/repair]
 
-mink and pink (benchmarks/rivals.py: collision limits on, four solves a frame, from the anchor pose)
+mink and pink (benchmarks/rivals/solvers: collision limits on, four solves a frame, from the anchor pose)
 follow 21 clips, at most 450 frames each at 30 Hz: the 15 of DeepMimic in data/downloads/demo
 (`dvc repro clips`) and six of CMU. What they give goes through the guard's file door, three ways:
 
@@ -33,7 +33,6 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import typer
 from floor import Floor, in_time
-from rivals import followed, mink_solver, pink_solver
 from tqdm import tqdm
 from tuple_cost import one_core
 

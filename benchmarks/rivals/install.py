@@ -1,0 +1,62 @@
+"""Makes the environments of the rivals from requirements-rivals.lock.
+
+One below .venv-rivals for each heading of the file. An environment that stands and was made of the
+same lines is left as it is; PIP_ARGS in the environment is passed to pip.
+"""
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LOCK, FOLDER = ROOT / "requirements-rivals.lock", ROOT / ".venv-rivals"
+
+
+def sections(text: str) -> dict[str, str]:
+    """Lines of a lock file by heading.
+
+    Raises:
+        SystemExit: a requirement stands before the first heading.
+    """
+    found: dict[str, str] = {}
+    name = ""
+    for line in text.splitlines():
+        line = line.partition("#")[0].strip()
+        if line.startswith("["):
+            name = line.strip("[]")
+            found[name] = ""
+        elif line and not name:
+            raise SystemExit(f"{LOCK.name}: '{line}' stands under no heading")
+        elif line:
+            found[name] += line + "\n"
+    return found
+
+
+def python(name: str, folder: Path = FOLDER) -> Path:
+    """The interpreter of an environment."""
+    return folder / name / "bin/python"
+
+
+def main() -> None:
+    """Make what is missing."""
+    for name, lines in sections(LOCK.read_text(encoding="utf-8")).items():
+        made = FOLDER / name / "made-of.txt"
+        if made.is_file() and made.read_text(encoding="utf-8") == lines:
+            continue
+        print(f"setting up {FOLDER.name}/{name}", flush=True)
+        subprocess.run([sys.executable, "-m", "venv", "--clear", FOLDER / name], check=True)
+        listed = FOLDER / name / "requirements.txt"
+        listed.write_text(lines, encoding="utf-8")
+        more = shlex.split(os.environ.get("PIP_ARGS", ""))
+        command = [python(name), "-m", "pip", "install", "-q", *more, "--no-deps", "-r", listed]
+        if subprocess.run(command, check=False).returncode:
+            raise SystemExit(
+                f"{FOLDER.name}/{name} could not be set up; its entrants count as not installed"
+            )
+        made.write_text(lines, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

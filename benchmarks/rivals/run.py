@@ -1,0 +1,299 @@
+"""`make rivals`: every retargeter that runs here on the same motions, judged between the frames too.
+
+Protocol 1: the same targets, limits, rate and start for all, each rival with the settings that
+sweep.py chose. Protocol 2: each tool as its documentation has it, from the anchor pose. Motions and
+verdicts are kept in --work, so a run that was stopped goes on. Written are reports/rivals.html,
+rivals.csv and rivals.json. Times are those of this machine; nothing is asserted.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import book
+import entrants
+import install
+import kept
+import numpy as np
+import sums
+import tasks
+import throughput
+import typer
+import verdict
+from entrants import HERE, Entrant
+from tasks import Task
+from tqdm import tqdm
+
+from s3le import Robot, retargeter_for
+from s3le.store import documents
+
+WORK, REPORTS = Path("data/rivals"), Path("reports")
+FRAMES, QUICK_FRAMES = 240, 45  # of a clip
+PATIENCE = 300.0  # [s] for one motion of one entrant, after which it counts as failed
+THIRD = "jvrc"  # the further robot of --all, if it was set up
+
+
+class Job(NamedTuple):
+    """One motion to make."""
+
+    entrant: Entrant
+    settings: dict[str, Any]
+    robot: str
+    task: Task
+    protocol: int
+    turn: int
+    out: Path
+
+
+def main(
+    quick: Annotated[bool, typer.Option("--quick", help="a few clips, minutes")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="whole clips, a third robot")] = False,
+    only: Annotated[str, typer.Option(help="entrants by name, with commas")] = "all",
+    robots: Annotated[str, typer.Option(help="robots by name, or robot files")] = "coman,g1",
+    protocols: Annotated[str, typer.Option(help="1, 2 or 1,2")] = "",
+    frames: Annotated[int, typer.Option(help="most frames of a clip; 0: as said above")] = 0,
+    cmu: Annotated[Path, typer.Option(help="folder of CMU's originals")] = tasks.CMU,
+    demo: Annotated[Path, typer.Option(help="folder of DeepMimic's clips")] = tasks.DEMO,
+    lafan: Annotated[Path | None, typer.Option(help="folder of LAFAN1's BVH files")] = None,
+    clones: Annotated[Path | None, typer.Option(help="folder of clones: GMR and others")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="processes, each on a core")] = 2,
+    data_set: Annotated[bool, typer.Option(help="the table of a data set too")] = True,
+    work: Annotated[Path, typer.Option(help="where motions and verdicts are kept")] = WORK,
+    reports: Annotated[Path, typer.Option(help="where the page is written")] = REPORTS,
+) -> None:
+    """Run, judge, repair, and write the page."""
+    began = time.monotonic()
+    who = [one for one in entrants.by_key(only) if missing(one, clones) is None]
+    most = frames or (QUICK_FRAMES if quick else 0 if everything else FRAMES)
+    which = [int(p) for p in protocols.split(",")] if protocols else [1] if quick else [1, 2]
+    names = robots.split(",") + ([THIRD] if everything and known(THIRD) else [])
+    if quick and robots == "coman,g1":
+        names = names[:1]
+    found = []
+    for name in names:
+        every = {p: given(name, p, quick, most, cmu, demo, lafan) for p in which}
+        todo = jobs(who, name, every, work)
+        make(todo, name, work, workers, clones)
+        found += judged(todo, name, work, workers)
+    if not found:
+        raise SystemExit("not one motion was made; see what is said above, and: make rivals")
+    record = sums.record(found, about(who, clones, names, most, which, quick), sizes(who, work))
+    if data_set and not quick:
+        record["data_set"] = throughput.table(who, names[0], cmu, demo, work, workers)
+    documents.write_json(record, reports / "rivals.json")
+    documents.write_csv(book.rows(record), reports / "rivals.csv")
+    documents.write_text(book.page(record), reports / "rivals.html")
+    typer.echo(f"{len(found)} motions judged in {time.monotonic() - began:.0f} s")
+    typer.echo(book.text(record))
+
+
+def known(name: str) -> bool:
+    """Whether a robot of that name is here."""
+    try:
+        Robot.load(name)
+    except Exception:  # noqa: BLE001  whatever is wrong with it, it does not take part
+        return False
+    return True
+
+
+def given(
+    name: str, protocol: int, quick: bool, most: int, cmu: Path, demo: Path, lafan: Path | None
+) -> list[Task]:
+    """What a robot's entrants are to follow."""
+    its = retargeter_for(Robot.load(name))
+    shown = tasks.demo(demo)
+    found = tasks.cmu(cmu, ("14_07",) if quick else tasks.TEST)
+    every = tasks.clips(its, found, "cmu", most, protocol)
+    every += tasks.clips(its, shown[:1] if quick else shown, "deepmimic", most, protocol)
+    if lafan and not quick:
+        every += tasks.clips(its, sorted(lafan.glob("*.bvh")), "lafan", most, protocol)
+    return every + tasks.adversarial(its, 1 if quick else tasks.STREAMS, protocol)
+
+
+def missing(entrant: Entrant, clones: Path | None) -> str | None:
+    """Why an entrant cannot run here; None: it can."""
+    if entrant.module == "ours":
+        return None
+    if entrant.clone:
+        if clones is None or not (clones / entrant.clone).is_dir():
+            return f"no clone of it: --clones FOLDER with {entrant.clone} in it"
+        return None
+    if not install.python(entrant.environment).is_file():
+        return f".venv-rivals/{entrant.environment} is not set up: make rivals"
+    return None
+
+
+def jobs(who: list[Entrant], name: str, every: dict[int, list[Task]], work: Path) -> list[Job]:
+    """All motions of a robot; of each entrant one is made a second time, to be compared."""
+    robot, found = Robot.load(name).name, []
+    for protocol, listed in every.items():
+        for one in who:
+            if protocol not in one.protocols or (one.robots and robot not in one.robots):
+                continue
+            settings = entrants.settings(one, protocol, robot)
+            turns = [(task, 0) for task in listed] + ([(listed[0], 1)] if protocol == 1 else [])
+            for task, turn in turns:
+                key = kept.motion(one, settings, robot, task, protocol, turn)
+                out = work / robot / one.key / f"{task.name}_{key}.npz"
+                found.append(Job(one, settings, name, task, protocol, turn, out))
+    return found
+
+
+def make(todo: list[Job], name: str, work: Path, workers: int, clones: Path | None) -> None:
+    """Make the motions that are missing, an entrant and protocol in a process of its own."""
+    robot = Robot.load(name)
+    folder = work / robot.name / "given"
+    files = tasks.write(folder, tasks.plain_of(robot), [job.task for job in todo])
+    parts: dict[tuple, list[Job]] = {}
+    for job in todo:
+        if not job.out.is_file():
+            parts.setdefault((job.entrant.key, job.protocol, job.turn), []).append(job)
+    cores = sorted(os.sched_getaffinity(0))
+    free = [cores[i % len(cores)] for i in range(workers)]
+
+    def one(listed: list[Job]) -> None:
+        core = free.pop()
+        try:
+            told = perform(listed, name, folder, files, core, clones)
+        finally:
+            free.append(core)
+        if told:
+            tqdm.write(f"{listed[0].entrant.label}, {robot.name}: {told}")
+        shown.update(len(listed))
+
+    with (
+        ThreadPoolExecutor(workers) as pool,
+        tqdm(
+            total=sum(map(len, parts.values())), desc=f"{robot.name}, make", disable=None
+        ) as shown,
+    ):
+        list(pool.map(one, parts.values()))
+
+
+def perform(
+    listed: list[Job],
+    name: str,
+    folder: Path,
+    files: dict[str, Path],
+    core: int,
+    clones: Path | None,
+) -> str:
+    """Let a process make motions of one entrant; what went wrong, if anything did."""
+    first = listed[0]
+    ours = first.entrant.module == "ours"
+    job = {
+        "name": name, "robot": str(folder / "robot.json"), "settings": first.settings,
+        "module": first.entrant.key if ours else first.entrant.module, "core": core,
+        "protocol": first.protocol, "dt": 1.0 / tasks.RATE, "most": first.entrant.most,
+        "clone": str(clones / first.entrant.clone) if clones and first.entrant.clone else None,
+        "asked": time.time(),
+        "motions": [[str(files[job.task.digest]), str(job.out)] for job in listed],
+    }  # fmt: skip
+    where = folder / f"job_{first.entrant.key}_{first.protocol}_{first.turn}.json"
+    documents.write_json(job, where)
+    python = sys.executable if ours else install.python(first.entrant.environment)
+    script = HERE / ("ours.py" if ours else "worker.py")
+    single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    path = {"PYTHONPATH": str(HERE.parents[1])} if ours else {"PYTHONPATH": ""}
+    try:
+        done = subprocess.run(
+            [str(python), str(script), str(where)], capture_output=True, text=True, check=False,
+            env=os.environ | single | path, timeout=PATIENCE * len(listed),
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return f"gave up after {PATIENCE * len(listed):.0f} s"
+    return "" if done.returncode == 0 else " ".join(done.stderr.split()[-40:])
+
+
+_court: verdict.Court | None = None
+
+
+def _sit(name: str) -> None:
+    global _court
+    _court = verdict.Court(Robot.load(name))
+
+
+def _judge(job: Job, work: Path) -> dict[str, Any] | None:
+    """A verdict, kept or new; None: there is no motion."""
+    assert _court is not None
+    if not job.out.is_file():
+        return None
+    known = job.out.with_suffix(f".{kept.verdict(job.out, job.task, _court.robot.tag)}.json")
+    if (seen := kept.read(known)) is None:
+        with np.load(job.out) as held:
+            made = {name: held[name] for name in held.files if name != "about"}
+        seen = _court.judge(job.task, made)
+        documents.write_json(seen, known)
+    return seen
+
+
+def judged(todo: list[Job], name: str, work: Path, workers: int) -> list[sums.Case]:
+    """Verdicts on all motions of a robot, in the order of the jobs."""
+    first = [job for job in todo if job.turn == 0]
+    again = {(job.entrant.key, job.protocol): job for job in todo if job.turn == 1}
+    with ProcessPoolExecutor(workers, get_context("spawn"), _sit, (name,)) as pool:
+        seen = pool.map(_judge, first, [work] * len(first))
+        seen = list(tqdm(seen, f"{name}, judge", len(first), disable=None))
+    robot, found = Robot.load(name).name, []
+    for job, said in zip(first, seen, strict=True):
+        other = again.get((job.entrant.key, job.protocol))
+        same, told = None, {}
+        if said is not None:
+            with np.load(job.out) as held:
+                told = json.loads(str(held["about"]))
+                if other and other.task.digest == job.task.digest and other.out.is_file():
+                    with np.load(other.out) as second:
+                        same = bool(np.array_equal(held["q"], second["q"]))
+        found.append(sums.Case(
+            job.entrant.key, job.entrant.label, robot, job.protocol, job.task.name,
+            job.task.kind, len(job.task.x), said, told, same,
+        ))  # fmt: skip
+    return found
+
+
+def about(
+    who: list[Entrant],
+    clones: Path | None,
+    names: list[str],
+    most: int,
+    which: list[int],
+    quick: bool,
+) -> dict[str, Any]:
+    """What was run, and what was not and why."""
+    reasons = {
+        one.label: why for one in entrants.ENTRANTS if (why := missing(one, clones)) is not None
+    }
+    return {
+        "quick": quick, "robots": names, "frames": most, "rate": tasks.RATE, "protocols": which,
+        "entrants": {one.label: {"settings": {name: entrants.settings(one, 1, name)
+                     for name in names} if 1 in one.protocols else {}, "documented": one.readme,
+                     "says": one.readme_says} for one in who},
+        "not_run": reasons | entrants.NOT_RUN,
+    }  # fmt: skip
+
+
+def sizes(who: list[Entrant], work: Path) -> dict[str, float | None]:
+    """MB that each takes installed, with all it requires; None: not known."""
+    found: dict[str, float | None] = {}
+    for one in who:
+        ours = one.module == "ours"
+        python = sys.executable if ours else str(install.python(one.environment))
+        done = subprocess.run(
+            [python, str(HERE / "size.py"), *one.packages], capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+        known = done.returncode == 0 and done.stdout.strip().isdigit()
+        found[one.key] = int(done.stdout) / 1e6 if known and one.packages else None
+    return found
+
+
+if __name__ == "__main__":
+    app = typer.Typer(add_completion=False)
+    app.command()(main)
+    app(prog_name="make rivals" if "--help" in sys.argv else None)
