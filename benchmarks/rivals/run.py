@@ -1,4 +1,4 @@
-"""`make rivals`: every retargeter that runs here on the same motions, judged between the frames too.
+"""`make rivals`: retargeters that run here on the same motions, judged between the frames too.
 
 Protocol 1: the same targets, limits, rate and start for all, each rival with the settings that
 sweep.py chose. Protocol 2: each tool as its documentation has it, from the anchor pose. Motions and

@@ -51,10 +51,10 @@ def table(
         listed = every if one.key == "file" else every[:sample]
         rows.append(_timed(one, name, listed, files, folder, workers))
     says = (
-        f"{robot.name}; clips made of the test clips by mirroring them and playing them {SPEEDS[0]} "
-        f"to {SPEEDS[1]} times as fast, {FRAMES} frames at most; {workers} processes, each on a core "
-        f"of its own; start of the processes included. Ours as files on {count} clips, all others on "
-        f"{sample} of these. The price is an assumption; days are measured."
+        f"{robot.name}; clips made of the test clips by mirroring them and playing them "
+        f"{SPEEDS[0]} to {SPEEDS[1]} times as fast, {FRAMES} frames at most; {workers} processes, "
+        f"each on a core of its own; start of the processes included. Ours as files on {count} "
+        f"clips, all others on {sample} of these. The price is an assumption; days are measured."
     )
     return {"says": says, "workers": workers, "price": PRICE, "rows": rows}
 

@@ -1,8 +1,8 @@
-"""Runs one entrant over motions, in the environment of the rivals: python worker.py JOB.json
+"""Runs one entrant over motions, in the environment of the rivals.
 
-The job names a robot, an entrant's module in solvers/, its settings, and pairs of a task and the
-file its motion goes to. Each motion is written as soon as it is done; one that stands is not made
-again. Nothing of this project but plain.py is read here.
+It is called as `python worker.py JOB.json`. The job names a robot, an entrant's module in solvers/,
+its settings, and pairs of a task and the file its motion goes to. Each motion is written as soon as
+it is done; one that stands is not made again. Nothing of this project but plain.py is read here.
 """
 
 import importlib

@@ -1,8 +1,8 @@
 """EmbodiK: prioritised differential inverse kinematics in C++.
 
-Settings: `steps`, of a frame; `share` of the way to the goal that a step goes; `rows`, pairs that its collision constraint holds apart at once (0:
-no constraint); `margin` [m], that it is told to keep; `tuning`, its preset; `damping`; `mode`, of
-its tasks: MIN_ERROR or SCALE.
+Settings: `steps`, of a frame; `share` of the way to the goal that a step goes; `rows`, pairs that
+its collision constraint holds apart at once (0: no constraint); `margin` [m], that it is told to
+keep; `tuning`, its preset; `damping`; `mode`, of its tasks: MIN_ERROR or SCALE.
 
 It reads no capsules, so it is given each as a cylinder and two spheres, which together are the
 same body.
