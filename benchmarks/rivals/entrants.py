@@ -38,21 +38,20 @@ ENTRANTS = (
         {"solves": 1, "collisions": False, "speed": False, "posture": 1e-2},
         "frame tasks and a posture task, joint limits, one program a frame; collision and speed "
         "limits are opt-in",
-        {"solves": (1, 4, 10), "gain": (0.5, 0.85, 1.0), "posture": (0.0, 1e-3),
-         "detected": (0.05, 0.2)},
+        {"solves": (1, 4, 10), "gain": (0.5, 0.85), "detected": (0.05, 0.2)},
     ),
     Entrant(
         "pink", "pink", "by_pink", ("pin-pink", "daqp"),
         {"solves": 1, "closest": 0, "posture": 1e-3, "damping": 0.0},
         "frame tasks and a posture task, joint and speed limits, one program a frame; the "
         "self-collision barrier is opt-in",
-        {"solves": (1, 4), "gain": (5.0, 20.0), "closest": (10, 20), "posture": (0.0, 1e-3)},
+        {"solves": (1, 4), "gain": (5.0, 20.0), "closest": (10, 20)},
     ),
     Entrant(
         "embodik", "EmbodiK", "by_embodik", ("embodik",),
         {"steps": 1, "rows": 1, "margin": 0.05, "share": 0.0333, "tuning": "BALANCED"},
         "position steps of gain 1 per second, joint and speed limits, one collision row at 50 mm",
-        {"steps": (1, 4, 10), "share": (0.5, 1.0), "rows": (5, 10), "damping": (1e-3, 1e-2)},
+        {"steps": (1, 4, 10), "share": (0.5, 1.0), "rows": (5, 10)},
     ),
     Entrant(
         "placo", "placo", "by_placo", ("placo",),
@@ -78,10 +77,23 @@ ENTRANTS = (
         "two hand poses by pink with its published weights; its collision check is commented out",
         {}, protocols=(2,),
     ),
+    Entrant(
+        "sew", "SEW-Mimic (chase6305)", "by_sew", (), {"backend": "python"},
+        "closed-form arms, its Python backend; arms alone, no speed limits, its safety filter off",
+        {}, protocols=(2,), clone="SEW-mimic-retargeting/src",
+    ),
 )  # fmt: skip
 
-# Named, not run: these need a GPU, or code that is published nowhere.
+# Named, not run.
 NOT_RUN = {
+    "GMR": "follows a whole body's rotations from BVH or SMPL-X with its own tables, not points; "
+    "it has no adapter here yet",
+    "PyRoki": "cannot be installed from PyPI (git dependencies), compiles for minutes on a "
+    "processor; it has no adapter here yet",
+    "soma-retargeter": "reads its own SOMA skeleton alone and wants a GPU; it has no adapter here "
+    "yet",
+    "holosoma-retargeting": "wants a whole body's joints with toes on a floor, and freezes with "
+    "the mujoco that pip resolves; it has no adapter here yet",
     "cuRobo": "needs CUDA",
     "hhtools (Roboparty)": "its retargeting needs CUDA 12",
     "HoloRetarget (HoloMotion)": "needs CUDA",

@@ -56,6 +56,11 @@ def _judges() -> str:
     return _hash(path.read_bytes() for path in sorted([*own, *judge, HERE / "verdict.py"]))
 
 
+def clone(folder: Path) -> str:
+    """What a user's clone holds of Python."""
+    return _hash(path.read_bytes() for path in sorted(folder.rglob("*.py")))
+
+
 def _hash(parts: Iterable[bytes]) -> str:
     digest = hashlib.sha256()
     for part in parts:

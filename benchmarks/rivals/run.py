@@ -36,7 +36,7 @@ from s3le.store import documents
 WORK, REPORTS = Path("data/rivals"), Path("reports")
 FRAMES, QUICK_FRAMES = 240, 45  # of a clip
 PATIENCE = 300.0  # [s] for one motion of one entrant, after which it counts as failed
-THIRD = "jvrc"  # the further robot of --all, if it was set up
+THIRD = ("jvrc", "talos", "romeo", "coman_authors")  # of --all: the first that is here
 
 
 class Job(NamedTuple):
@@ -72,18 +72,18 @@ def main(
     who = [one for one in entrants.by_key(only) if missing(one, clones) is None]
     most = frames or (QUICK_FRAMES if quick else 0 if everything else FRAMES)
     which = [int(p) for p in protocols.split(",")] if protocols else [1] if quick else [1, 2]
-    names = robots.split(",") + ([THIRD] if everything and known(THIRD) else [])
-    if quick and robots == "coman,g1":
-        names = names[:1]
+    names = robots.split(",")[: 1 if quick else None]
+    if everything:
+        names += [name for name in THIRD if name not in names and known(name)][:1]
     found = []
     for name in names:
         every = {p: given(name, p, quick, most, cmu, demo, lafan) for p in which}
-        todo = jobs(who, name, every, work)
+        todo = jobs(who, name, every, work, clones)
         make(todo, name, work, workers, clones)
         found += judged(todo, name, work, workers)
     if not found:
         raise SystemExit("not one motion was made; see what is said above, and: make rivals")
-    record = sums.record(found, about(who, clones, names, most, which, quick), sizes(who, work))
+    record = sums.record(found, about(who, clones, names, most, which, quick, cmu), sizes(who))
     if data_set and not quick:
         record["data_set"] = throughput.table(who, names[0], cmu, demo, work, workers)
     documents.write_json(record, reports / "rivals.json")
@@ -109,6 +109,8 @@ def given(
     its = retargeter_for(Robot.load(name))
     shown = tasks.demo(demo)
     found = tasks.cmu(cmu, ("14_07",) if quick else tasks.TEST)
+    if not found:
+        typer.echo(f"no clip of CMU is in {cmu}, so they are left out: --cmu FOLDER")
     every = tasks.clips(its, found, "cmu", most, protocol)
     every += tasks.clips(its, shown[:1] if quick else shown, "deepmimic", most, protocol)
     if lafan and not quick:
@@ -129,7 +131,9 @@ def missing(entrant: Entrant, clones: Path | None) -> str | None:
     return None
 
 
-def jobs(who: list[Entrant], name: str, every: dict[int, list[Task]], work: Path) -> list[Job]:
+def jobs(
+    who: list[Entrant], name: str, every: dict[int, list[Task]], work: Path, clones: Path | None
+) -> list[Job]:
     """All motions of a robot; of each entrant one is made a second time, to be compared."""
     robot, found = Robot.load(name).name, []
     for protocol, listed in every.items():
@@ -137,6 +141,8 @@ def jobs(who: list[Entrant], name: str, every: dict[int, list[Task]], work: Path
             if protocol not in one.protocols or (one.robots and robot not in one.robots):
                 continue
             settings = entrants.settings(one, protocol, robot)
+            if one.clone and clones:
+                settings["clone"] = kept.clone(clones / one.clone)
             turns = [(task, 0) for task in listed] + ([(listed[0], 1)] if protocol == 1 else [])
             for task, turn in turns:
                 key = kept.motion(one, settings, robot, task, protocol, turn)
@@ -181,8 +187,9 @@ def perform(
     name: str,
     folder: Path,
     files: dict[str, Path],
-    core: int,
+    core: int | None,
     clones: Path | None,
+    patience: float = PATIENCE,
 ) -> str:
     """Let a process make motions of one entrant; what went wrong, if anything did."""
     first = listed[0]
@@ -191,7 +198,7 @@ def perform(
         "name": name, "robot": str(folder / "robot.json"), "settings": first.settings,
         "module": first.entrant.key if ours else first.entrant.module, "core": core,
         "protocol": first.protocol, "dt": 1.0 / tasks.RATE, "most": first.entrant.most,
-        "clone": str(clones / first.entrant.clone) if clones and first.entrant.clone else None,
+        "clone": str(clones / first.entrant.clone) if clones and first.entrant.clone else "",
         "asked": time.time(),
         "motions": [[str(files[job.task.digest]), str(job.out)] for job in listed],
     }  # fmt: skip
@@ -204,10 +211,10 @@ def perform(
     try:
         done = subprocess.run(
             [str(python), str(script), str(where)], capture_output=True, text=True, check=False,
-            env=os.environ | single | path, timeout=PATIENCE * len(listed),
+            env=os.environ | single | path, timeout=patience * len(listed),
         )  # fmt: skip
     except subprocess.TimeoutExpired:
-        return f"gave up after {PATIENCE * len(listed):.0f} s"
+        return f"gave up after {patience * len(listed):.0f} s"
     return "" if done.returncode == 0 else " ".join(done.stderr.split()[-40:])
 
 
@@ -264,21 +271,25 @@ def about(
     most: int,
     which: list[int],
     quick: bool,
+    cmu: Path,
 ) -> dict[str, Any]:
     """What was run, and what was not and why."""
+    here = {path.name.split(".")[0] for path in tasks.cmu(cmu, tasks.TEST)}
+    known = [Robot.load(name).name for name in names]
     reasons = {
         one.label: why for one in entrants.ENTRANTS if (why := missing(one, clones)) is not None
     }
     return {
-        "quick": quick, "robots": names, "frames": most, "rate": tasks.RATE, "protocols": which,
+        "quick": quick, "robots": known, "frames": most, "rate": tasks.RATE, "protocols": which,
         "entrants": {one.label: {"settings": {name: entrants.settings(one, 1, name)
-                     for name in names} if 1 in one.protocols else {}, "documented": one.readme,
+                     for name in known} if 1 in one.protocols else {}, "documented": one.readme,
                      "says": one.readme_says} for one in who},
         "not_run": reasons | entrants.NOT_RUN,
+        "absent": [] if quick else [name for name in tasks.TEST if name not in here],
     }  # fmt: skip
 
 
-def sizes(who: list[Entrant], work: Path) -> dict[str, float | None]:
+def sizes(who: list[Entrant]) -> dict[str, float | None]:
     """MB that each takes installed, with all it requires; None: not known."""
     found: dict[str, float | None] = {}
     for one in who:

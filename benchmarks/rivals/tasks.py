@@ -71,21 +71,16 @@ def plain_of(robot: Robot) -> plain.Plain:
 
 
 def demo(folder: Path = DEMO) -> list[Path]:
-    """DeepMimic's 15 clips, fetched where they are not here."""
+    """DeepMimic's clips: those of a folder, or all 15, fetched where there is none."""
+    if here := sorted(folder.glob("*.txt")):
+        return here
     return [source.path for source in sources.demo(MANIFEST, folder).clips]
 
 
 def cmu(folder: Path, names: Sequence[str]) -> list[Path]:
-    """Trials of CMU by name.
-
-    Raises:
-        SystemExit: one is missing.
-    """
+    """Trials of CMU by name, those that are here: SS/SS_TT.amc.gz beside SS/SS.asf."""
     paths = [folder / name.split("_")[0] / f"{name}.amc.gz" for name in names]
-    for path in paths:
-        if not path.is_file():
-            raise SystemExit(f"{path} is missing; give the folder of CMU's originals with --cmu")
-    return paths
+    return [path for path in paths if path.is_file()]
 
 
 def clips(its: Retargeter, paths: Sequence[Path], kind: str, most: int, protocol: int) -> list:

@@ -25,6 +25,8 @@ def main(job: dict[str, Any]) -> None:
     """Make the motions of a job."""
     if job.get("core") is not None:
         os.sched_setaffinity(0, {job["core"]})
+    if job.get("clone"):
+        sys.path.insert(0, job["clone"])
     robot, dt = plain.load(Path(job["robot"])), float(job["dt"])
     maker = importlib.import_module(f"solvers.{job['module']}")
     told = maker.about()
