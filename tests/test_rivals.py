@@ -338,7 +338,8 @@ def test_quick_with_two_entrants(rooms, rival, tmp_path):
     given = dict(
         quick=True, only=f"file,{rival}", frames=20, cmu=SHARED / "cmu",
         demo=SHARED / "other/deepmimic", work=tmp_path / "work", reports=tmp_path, workers=1,
-        everything=False, robots="coman", protocols="", lafan=None, clones=None, data_set=False,
+        everything=False, robots="coman", protocols="", lafan=None, clones=None,
+        data_set=False, clip=None,
     )  # fmt: skip
     rooms.run.main(**given)
     record = json.loads((tmp_path / "rivals.json").read_text())

@@ -60,6 +60,7 @@ def main(
     frames: Annotated[int, typer.Option(help="most frames of a clip; 0: as said above")] = 0,
     cmu: Annotated[Path, typer.Option(help="folder of CMU's originals")] = tasks.CMU,
     demo: Annotated[Path, typer.Option(help="folder of DeepMimic's clips")] = tasks.DEMO,
+    clip: Annotated[list[Path] | None, typer.Option(help="these motion files alone")] = None,
     lafan: Annotated[Path | None, typer.Option(help="folder of LAFAN1's BVH files")] = None,
     clones: Annotated[Path | None, typer.Option(help="folder of clones: GMR and others")] = None,
     workers: Annotated[int, typer.Option(min=1, help="processes, each on a core")] = 2,
@@ -77,14 +78,16 @@ def main(
         names += [name for name in THIRD if name not in names and known(name)][:1]
     found = []
     for name in names:
-        every = {p: given(name, p, quick, most, cmu, demo, lafan) for p in which}
+        every = {p: given(name, p, quick, most, cmu, demo, lafan, clip) for p in which}
         todo = jobs(who, name, every, work, clones)
         make(todo, name, work, workers, clones)
         found += judged(todo, name, work, workers)
     if not found:
         raise SystemExit("not one motion was made; see what is said above, and: make rivals")
-    record = sums.record(found, about(who, clones, names, most, which, quick, cmu), sizes(who))
-    if data_set and not quick:
+    record = sums.record(
+        found, about(who, clones, names, most, which, quick, cmu, bool(clip)), sizes(who)
+    )
+    if data_set and not quick and not clip:
         record["data_set"] = throughput.table(who, names[0], cmu, demo, work, workers)
     documents.write_json(record, reports / "rivals.json")
     documents.write_csv(book.rows(record), reports / "rivals.csv")
@@ -103,10 +106,19 @@ def known(name: str) -> bool:
 
 
 def given(
-    name: str, protocol: int, quick: bool, most: int, cmu: Path, demo: Path, lafan: Path | None
+    name: str,
+    protocol: int,
+    quick: bool,
+    most: int,
+    cmu: Path,
+    demo: Path,
+    lafan: Path | None,
+    own: list[Path] | None,
 ) -> list[Task]:
     """What a robot's entrants are to follow."""
     its = retargeter_for(Robot.load(name))
+    if own:
+        return tasks.clips(its, own, "own", most, protocol)
     shown = tasks.demo(demo)
     found = tasks.cmu(cmu, ("14_07",) if quick else tasks.TEST)
     if not found:
@@ -272,6 +284,7 @@ def about(
     which: list[int],
     quick: bool,
     cmu: Path,
+    own: bool,
 ) -> dict[str, Any]:
     """What was run, and what was not and why."""
     here = {path.name.split(".")[0] for path in tasks.cmu(cmu, tasks.TEST)}
@@ -285,7 +298,7 @@ def about(
                      for name in known} if 1 in one.protocols else {}, "documented": one.readme,
                      "says": one.readme_says} for one in who},
         "not_run": reasons | entrants.NOT_RUN,
-        "absent": [] if quick else [name for name in tasks.TEST if name not in here],
+        "absent": [] if quick or own else [name for name in tasks.TEST if name not in here],
     }  # fmt: skip
 
 
