@@ -314,6 +314,10 @@ def test_page_tells_our_losses_and_asks_no_network(rooms):
     flat = rooms.book.rows(record)
     assert [row["paths_broken"] for row in flat] == [0.0, pytest.approx(1 / 9)]
     assert set(flat[0]) == set(flat[1]) and "angle_low" in flat[0]
+    stream = [c._replace(key="stream", said=c.said | {"angle": 20.0}) for c in cases[:3]]
+    both = [c._replace(said=c.said | {"angle": 1.0}) for c in cases[:3]] + stream + cases[3:]
+    told = rooms.changes.losses(rooms.sums.record(both, about(rooms), {}))
+    assert "coman, protocol 1: nearer to the human than our stream: mink <b>." in told
     better = [c._replace(said=c.said | {"angle": 1.0}) if c.key == "file" else c for c in cases]
     record = rooms.sums.record(better, about(rooms), {"file": 300.0, "mink": 20.0})
     assert not any("nearer" in line for line in rooms.changes.losses(record))

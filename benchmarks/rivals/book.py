@@ -59,6 +59,7 @@ def _times(row: Row) -> str:
 
 TABLES: dict[str, tuple[tuple[str, Callable[[Row], str]], ...]] = {
     "How near to the human": (
+        ("frames", figure("frames", 0)),
         ("mean angle of a bone [°]", figure("angle")), ("p95 [°]", figure("angle_p95")),
         ("trunk", figure("trunk")), ("shoulders", figure("shoulders")),
         ("upper arms", figure("upper arms")), ("forearms", figure("forearms")),

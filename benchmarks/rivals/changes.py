@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 Row = Mapping[str, Any]
 LESS_IS_BETTER = {
     "angle": "nearer to the human", "us_p50": "quicker in the median",
@@ -11,14 +13,6 @@ LESS_IS_BETTER = {
     "jerk_p99": "smoother (jerk)", "acceleration_p99": "gentler (acceleration)",
     "held": "less often standing still",
 }  # fmt: skip
-LACKS = (
-    "no feet and no floor contact",
-    "no objects or terrain",
-    "no GPU",
-    "no palms in these clips",
-    "revolute joints alone",
-    "certified within the model of capsules, not of the hardware",
-)
 
 
 def number(row: Row, key: str) -> float | None:
@@ -28,27 +22,40 @@ def number(row: Row, key: str) -> float | None:
 
 
 def losses(record: Row) -> list[str]:
-    """Where a rival is ahead of both of ours, a sentence each."""
+    """Where a rival is ahead of both of ours, or of our stream alone, a sentence each.
+
+    The stream is what is like the rivals: it does not know what comes.
+    """
     found = []
-    for robot, protocol, hard in dict.fromkeys(
-        (r["robot"], r["protocol"], r["adversarial"]) for r in record["rows"]
-    ):
+    places = dict.fromkeys((r["robot"], r["protocol"], r["adversarial"]) for r in record["rows"])
+    for robot, protocol, hard in places:
         mine = [
             r
             for r in record["rows"]
             if r["motions"]
             and (r["robot"], r["protocol"], r["adversarial"]) == (robot, protocol, hard)
         ]
-        ours = [r for r in mine if r["key"] in ("file", "stream")]
+        ours = {r["key"]: r for r in mine if r["key"] in ("file", "stream")}
         where = f"{robot}, protocol {protocol}{', adversarial' if hard else ''}"
         for key, words in LESS_IS_BETTER.items():
-            best = [v for r in ours if (v := number(r, key)) is not None]
-            ahead = [
-                r["label"] for r in mine
-                if r not in ours and best and (v := number(r, key)) is not None and v < min(best)
-            ]  # fmt: skip
-            if ahead:
-                found.append(f"{where}: {words}: {', '.join(ahead)}.")
+            known = {name: v for name, r in ours.items() if (v := number(r, key)) is not None}
+            theirs = {
+                r["label"]: v
+                for r in mine
+                if r["key"] not in ours and (v := number(r, key)) is not None
+            }
+            if not known:
+                continue
+            both = [name for name, v in theirs.items() if v < min(known.values())]
+            if both:
+                found.append(f"{where}: {words}: {', '.join(both)}.")
+            rest = [
+                name
+                for name, v in theirs.items()
+                if name not in both and v < known.get("stream", -np.inf)
+            ]
+            if rest:
+                found.append(f"{where}: {words} than our stream: {', '.join(rest)}.")
     return found
 
 

@@ -22,8 +22,9 @@ class Entrant(NamedTuple):
     protocols: tuple[int, ...] = (1, 2)
     most: int = 0  # frames of a clip that it gets; 0: all that there are
     robots: tuple[str, ...] = ()  # it can do; (): any
+    kinds: tuple[str, ...] = ()  # of tasks that it gets; (): any
     environment: str = "field"  # heading in requirements-rivals.lock
-    clone: str = ""  # folder of a user's own clone that it runs from; empty: from PyPI
+    clone: tuple[str, ...] = ()  # folders of a user's own clones it runs from; (): from PyPI
 
 
 ENTRANTS = (
@@ -78,9 +79,19 @@ ENTRANTS = (
         {}, protocols=(2,),
     ),
     Entrant(
+        "holosoma", "holosoma-retargeting", "by_holosoma", ("holosoma-retargeting", "mujoco"), {},
+        "robot_only, its own G1, self-collision off as it ships; 20 frames of CMU's clips",
+        {}, protocols=(2,), most=20, robots=("g1",), kinds=("cmu", "own"), environment="holosoma",
+    ),
+    Entrant(
         "sew", "SEW-Mimic (chase6305)", "by_sew", (), {"backend": "python"},
         "closed-form arms, its Python backend; arms alone, no speed limits, its safety filter off",
-        {}, protocols=(2,), clone="SEW-mimic-retargeting/src",
+        {}, protocols=(2,), clone=("SEW-mimic-retargeting/src",),
+    ),
+    Entrant(
+        "pyroki", "PyRoki", "by_pyroki", ("jax", "jaxlie", "jax_dataclasses"), {"rest": 0.1},
+        "its example for many targets, on a processor; no speed limits, collisions off",
+        {}, protocols=(2,), environment="jax", clone=("pyroki/src", "jaxls/src"),
     ),
 )  # fmt: skip
 
@@ -88,12 +99,8 @@ ENTRANTS = (
 NOT_RUN = {
     "GMR": "follows a whole body's rotations from BVH or SMPL-X with its own tables, not points; "
     "it has no adapter here yet",
-    "PyRoki": "cannot be installed from PyPI (git dependencies), compiles for minutes on a "
-    "processor; it has no adapter here yet",
     "soma-retargeter": "reads its own SOMA skeleton alone and wants a GPU; it has no adapter here "
     "yet",
-    "holosoma-retargeting": "wants a whole body's joints with toes on a floor, and freezes with "
-    "the mujoco that pip resolves; it has no adapter here yet",
     "cuRobo": "needs CUDA",
     "hhtools (Roboparty)": "its retargeting needs CUDA 12",
     "HoloRetarget (HoloMotion)": "needs CUDA",

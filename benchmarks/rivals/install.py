@@ -50,8 +50,12 @@ def main() -> None:
         listed = FOLDER / name / "requirements.txt"
         listed.write_text(lines, encoding="utf-8")
         more = shlex.split(os.environ.get("PIP_ARGS", ""))
-        command = [python(name), "-m", "pip", "install", "-q", *more, "--no-deps", "-r", listed]
-        if subprocess.run(command, check=False).returncode:
+        pip = [python(name), "-m", "pip", "install", "-q", *more]
+        # What torch needs beside it differs from machine to machine.
+        torch = [line for line in lines.split() if line.startswith("torch==")]
+        commands = [[*pip, *torch]] if torch else []
+        commands.append([*pip, "--no-deps", "-r", listed])
+        if any(subprocess.run(command, check=False).returncode for command in commands):
             raise SystemExit(
                 f"{FOLDER.name}/{name} could not be set up; its entrants count as not installed"
             )

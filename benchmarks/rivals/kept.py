@@ -56,9 +56,10 @@ def _judges() -> str:
     return _hash(path.read_bytes() for path in sorted([*own, *judge, HERE / "verdict.py"]))
 
 
-def clone(folder: Path) -> str:
-    """What a user's clone holds of Python."""
-    return _hash(path.read_bytes() for path in sorted(folder.rglob("*.py")))
+def clone(folders: Iterable[Path]) -> str:
+    """What a user's clones hold of Python."""
+    files = [path for folder in folders for path in sorted(folder.rglob("*.py"))]
+    return _hash(path.read_bytes() for path in files)
 
 
 def _hash(parts: Iterable[bytes]) -> str:

@@ -134,10 +134,9 @@ def missing(entrant: Entrant, clones: Path | None) -> str | None:
     """Why an entrant cannot run here; None: it can."""
     if entrant.module == "ours":
         return None
-    if entrant.clone:
-        if clones is None or not (clones / entrant.clone).is_dir():
-            return f"no clone of it: --clones FOLDER with {entrant.clone} in it"
-        return None
+    for part in entrant.clone:
+        if clones is None or not (clones / part).is_dir():
+            return f"no clone of it: --clones FOLDER with {part} in it"
     if not install.python(entrant.environment).is_file():
         return f".venv-rivals/{entrant.environment} is not set up: make rivals"
     return None
@@ -154,8 +153,12 @@ def jobs(
                 continue
             settings = entrants.settings(one, protocol, robot)
             if one.clone and clones:
-                settings["clone"] = kept.clone(clones / one.clone)
-            turns = [(task, 0) for task in listed] + ([(listed[0], 1)] if protocol == 1 else [])
+                settings["clone"] = kept.clone([clones / part for part in one.clone])
+            mine = [task for task in listed if not one.kinds or task.kind in one.kinds]
+            if not mine:
+                continue
+            again = protocol == min(p for p in every if p in one.protocols)
+            turns = [(task, 0) for task in mine] + ([(mine[0], 1)] if again else [])
             for task, turn in turns:
                 key = kept.motion(one, settings, robot, task, protocol, turn)
                 out = work / robot / one.key / f"{task.name}_{key}.npz"
@@ -210,7 +213,7 @@ def perform(
         "name": name, "robot": str(folder / "robot.json"), "settings": first.settings,
         "module": first.entrant.key if ours else first.entrant.module, "core": core,
         "protocol": first.protocol, "dt": 1.0 / tasks.RATE, "most": first.entrant.most,
-        "clone": str(clones / first.entrant.clone) if clones and first.entrant.clone else "",
+        "clones": [str(clones / part) for part in first.entrant.clone] if clones else [],
         "asked": time.time(),
         "motions": [[str(files[job.task.digest]), str(job.out)] for job in listed],
     }  # fmt: skip

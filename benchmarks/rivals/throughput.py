@@ -91,7 +91,7 @@ def _timed(
         job = {
             "name": name, "robot": str(folder / "robot.json"), "settings": settings,
             "module": one.key if ours else one.module, "core": cores[i % len(cores)],
-            "protocol": 1, "dt": 1.0 / tasks.RATE, "most": 0, "clone": "", "asked": time.time(),
+            "protocol": 1, "dt": 1.0 / tasks.RATE, "most": 0, "clones": [], "asked": time.time(),
             "motions": [[str(files[t.digest]), str(out / f"{t.name}.npz")] for t in mine],
         }  # fmt: skip
         where = folder / f"job_{one.key}_{i}.json"

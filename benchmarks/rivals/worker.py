@@ -25,8 +25,7 @@ def main(job: dict[str, Any]) -> None:
     """Make the motions of a job."""
     if job.get("core") is not None:
         os.sched_setaffinity(0, {job["core"]})
-    if job.get("clone"):
-        sys.path.insert(0, job["clone"])
+    sys.path[:0] = job["clones"]
     robot, dt = plain.load(Path(job["robot"])), float(job["dt"])
     maker = importlib.import_module(f"solvers.{job['module']}")
     told = maker.about()
@@ -35,8 +34,14 @@ def main(job: dict[str, Any]) -> None:
         if Path(out).is_file():
             continue
         with np.load(task) as given:
-            x, start = given["x"], given["start"]
-        goals = robot.goals(x)[: job.get("most") or None]
+            x, start = given["x"][: job.get("most") or None], given["start"]
+        if hasattr(maker, "whole"):
+            q, seconds, failed = maker.whole(robot, dt, dict(job["settings"]), x, start)
+            first = time.time() - float(job["asked"]) if first is None else first
+            about = {"about": told, "first": first, "made": 0.0, "said": ""}
+            write(Path(out), q, seconds, failed, about)
+            continue
+        goals = robot.goals(x)
         began = time.perf_counter()
         solve = maker.make(robot, dt, dict(job["settings"]))
         made = time.perf_counter() - began
