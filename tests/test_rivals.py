@@ -17,7 +17,7 @@ from s3le.kernels import batch
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared/mocap"
 NAMES = (
-    "plain", "tasks", "entrants", "kept", "install", "verdict", "sums", "changes", "book",
+    "plain", "meshes", "tasks", "entrants", "kept", "install", "verdict", "sums", "changes", "book",
     "throughput", "run", "sweep", "engines", "continuous", "judging", "streams",
 )  # fmt: skip
 
@@ -221,6 +221,35 @@ def test_what_only_comes_near_is_unproven_not_broken(rooms, court):
     said = court.judge(task_of(rooms, motion(2)), made_of(q), repair=False)
     assert (said["paths_broken"], said["paths_unproven"]) == (0, 1)
     assert said["poses_broken"] == 0 and said["poses_near"] == 2
+
+
+def test_hulls_of_meshes_are_a_judge_of_their_own(rooms, tmp_path):
+    robot = coman()
+    model, _ = robot.reduced()
+    boxes = {}
+    for k, body in enumerate(robot.bodies):  # half as thick as the capsules
+        frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
+        corners = [
+            frame.placement.actInv(end + 0.3 * body.radius * np.array(side))
+            for end in (body.a, body.b + 1e-3)
+            for side in np.ndindex(2, 2, 2)
+        ]
+        boxes[f"{body.link}/{k}"] = np.array(corners)
+    np.savez(tmp_path / "hulls.npz", **boxes)
+    court = rooms.verdict.Court(robot, tmp_path / "hulls.npz")
+    assert "hulls" in court.others
+    still = made_of(robot.anchor[None].repeat(2, 0))
+    far = court.judge(task_of(rooms, motion(2)), still, repair=False)
+    assert (far["hull_poses"], far["hull_paths"]) == (0, 0)
+    q = colliding(200)
+    nested = court.hulls.distances(robot.anchor[None])[0] < 0.0
+    apart = court.hulls.distances(q)[:, ~nested].min(axis=1)
+    deep = int(np.argmin(apart))
+    assert apart[deep] < -1e-3
+    near = made_of(np.stack([robot.anchor, q[deep]]))
+    near = court.judge(task_of(rooms, motion(2)), near, repair=False)
+    assert near["hull_poses"] == 1 and near["hull_paths"] == 1
+    assert near["hull_depth_mm"] >= -1e3 * apart[deep] - 1e-6
 
 
 def test_ours_is_whole_and_repaired_to_itself(rooms, court, monkeypatch):

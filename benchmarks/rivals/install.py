@@ -34,9 +34,9 @@ def sections(text: str) -> dict[str, str]:
     return found
 
 
-def python(name: str, folder: Path = FOLDER) -> Path:
+def python(name: str) -> Path:
     """The interpreter of an environment."""
-    return folder / name / "bin/python"
+    return FOLDER / name / "bin/python"
 
 
 def main() -> None:

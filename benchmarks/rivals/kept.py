@@ -31,9 +31,16 @@ def motion(
     return _hash([json.dumps(given, sort_keys=True).encode(), _code(entrant.module).encode()])
 
 
-def verdict(made: Path, task: Task, robot: str) -> str:
-    """Key of a verdict on a motion's file."""
-    given = json.dumps([task.digest, robot]).encode()
+def verdict(made: Path, task: Task, robot: str, who: list[str]) -> str:
+    """Key of a verdict on a motion's file.
+
+    Args:
+        made: the file.
+        task: what it follows.
+        robot: its tag.
+        who: further judges that are there, and of which versions.
+    """
+    given = json.dumps([task.digest, robot, who]).encode()
     return _hash([made.read_bytes(), given, _judges().encode()])
 
 
@@ -53,7 +60,10 @@ def _code(module: str) -> str:
 def _judges() -> str:
     own = set().union(*map(closure, JUDGED))
     judge = [HERE.parent / "judge" / name for name in JUDGES]
-    return _hash(path.read_bytes() for path in sorted([*own, *judge, HERE / "verdict.py"]))
+    return _hash(
+        path.read_bytes()
+        for path in sorted([*own, *judge, HERE / "verdict.py", HERE / "meshes.py"])
+    )
 
 
 def clone(folders: Iterable[Path]) -> str:

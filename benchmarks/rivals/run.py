@@ -20,6 +20,7 @@ import book
 import entrants
 import install
 import kept
+import meshes
 import numpy as np
 import sums
 import tasks
@@ -236,9 +237,9 @@ def perform(
 _court: verdict.Court | None = None
 
 
-def _sit(name: str) -> None:
+def _sit(name: str, hulls: Path | None) -> None:
     global _court
-    _court = verdict.Court(Robot.load(name))
+    _court = verdict.Court(Robot.load(name), hulls)
 
 
 def _judge(job: Job, work: Path) -> dict[str, Any] | None:
@@ -246,7 +247,9 @@ def _judge(job: Job, work: Path) -> dict[str, Any] | None:
     assert _court is not None
     if not job.out.is_file():
         return None
-    known = job.out.with_suffix(f".{kept.verdict(job.out, job.task, _court.robot.tag)}.json")
+    known = job.out.with_suffix(
+        f".{kept.verdict(job.out, job.task, _court.robot.tag, _court.others)}.json"
+    )
     if (seen := kept.read(known)) is None:
         with np.load(job.out) as held:
             made = {name: held[name] for name in held.files if name != "about"}
@@ -259,10 +262,11 @@ def judged(todo: list[Job], name: str, work: Path, workers: int) -> list[sums.Ca
     """Verdicts on all motions of a robot, in the order of the jobs."""
     first = [job for job in todo if job.turn == 0]
     again = {(job.entrant.key, job.protocol): job for job in todo if job.turn == 1}
-    with ProcessPoolExecutor(workers, get_context("spawn"), _sit, (name,)) as pool:
+    robot, found = Robot.load(name), []
+    hulls = meshes.hulls_of(robot, work / robot.name)
+    with ProcessPoolExecutor(workers, get_context("spawn"), _sit, (name, hulls)) as pool:
         seen = pool.map(_judge, first, [work] * len(first))
         seen = list(tqdm(seen, f"{name}, judge", len(first), disable=None))
-    robot, found = Robot.load(name).name, []
     for job, said in zip(first, seen, strict=True):
         other = again.get((job.entrant.key, job.protocol))
         same, told = None, {}
@@ -273,7 +277,7 @@ def judged(todo: list[Job], name: str, work: Path, workers: int) -> list[sums.Ca
                     with np.load(other.out) as second:
                         same = bool(np.array_equal(held["q"], second["q"]))
         found.append(sums.Case(
-            job.entrant.key, job.entrant.label, robot, job.protocol, job.task.name,
+            job.entrant.key, job.entrant.label, robot.name, job.protocol, job.task.name,
             job.task.kind, len(job.task.x), said, told, same,
         ))  # fmt: skip
     return found

@@ -75,11 +75,11 @@ def row(cases: Sequence[Case]) -> dict[str, Any]:
         if kept:
             total = sum(s["frames"] * np.mean([s["bones"][b] for b in kept]) for s in seen)
             found[group] = total / frames
-    for name in ("poses_broken", "poses_near", "outside", "fast", "hard", "held", "failed",
+    for name in ("poses_broken", "poses_near", "outside", "hard", "held", "failed",
                  "trunk_off", "repair_moved"):  # fmt: skip
         if all(name in s for s in seen):
             found[name] = spread(seen, lambda s, n=name: s[n], _frames)
-    for name in ("paths_broken", "paths_unproven", "hull_paths"):
+    for name in ("fast", "paths_broken", "paths_unproven", "hull_paths"):
         if all(name in s for s in seen):
             found[name] = spread(seen, lambda s, n=name: s[n], lambda s: s["steps"])
     if all("hull_poses" in s for s in seen):

@@ -36,7 +36,7 @@ PROBED = 20  # of so many proven paths one is sampled all the same
 HEARD = 20  # of so many paths one is HPP's to prove
 TOUCH = 1e-9  # [m], less than this is no overlap but a digit
 STILL, MOVES = 1e-9, np.radians(1.0)  # [rad]: the robot stands; a human's bone moves
-BETWEEN_HULLS = 3  # poses between two frames at which hulls of meshes are measured
+BETWEEN_HULLS = 1  # poses between two frames at which hulls of meshes are measured
 LONGEST_LAG = 10  # frames
 OVER = 1e-6  # share by which a limit may be exceeded: of floats and of a solver's tolerance
 FAR, MOVED = 10.0, 0.05  # [deg]
@@ -45,8 +45,13 @@ FAR, MOVED = 10.0, 0.05  # [deg]
 class Court:
     """Judges motions of one robot; holds scratch, so one per process."""
 
-    def __init__(self, robot: Robot) -> None:
-        """Make the judges."""
+    def __init__(self, robot: Robot, hulls: Path | None = None) -> None:
+        """Make the judges.
+
+        Args:
+            robot: whose motions.
+            hulls: of its meshes, as meshes.hulls_of gives them; None: they are not looked at.
+        """
         self.robot, self.most = robot, limits(robot)
         between = robot.margin / 4.0
         promise = Promise(
@@ -59,9 +64,15 @@ class Court:
             self.mujoco: Mujoco | None = Mujoco(robot)
         except ImportError:  # told in the record: nothing is called broken by it then
             self.mujoco = None
-        self.hulls = HullCheck(robot) if robot.description.hulls else None
+        self.hulls = HullCheck(robot, hulls) if hulls else None
         near = between - SAG
         self.hpp = continuous.Continuous(robot, near) if continuous.installed() else None
+        # Who judges beside coal and the proof, for what was judged without them is judged anew.
+        self.others = [
+            name
+            for name, there in (("mujoco", self.mujoco), ("hulls", self.hulls), ("hpp", self.hpp))
+            if there
+        ]
         asked = claim(robot)
         self.guard = Guard(*asked)
 
@@ -189,8 +200,7 @@ class Court:
     def _hulls(self, q: np.ndarray) -> dict[str, Any]:
         """Hulls of the robot's own meshes, which no entrant was told of, straight between frames.
 
-        Pairs that overlap in every pose of the anchor's neighbourhood, nested parts, do not count:
-        those that overlap at the anchor.
+        Pairs that overlap at the anchor, nested parts, do not count.
         """
         hulls = self.hulls
         assert hulls is not None
