@@ -361,6 +361,39 @@ def test_a_motion_that_never_came_is_counted(rooms):
     assert "No motion came of: mink" in rooms.book.page(record)
 
 
+def test_a_data_set_is_made_of_mirrored_clips_at_other_speeds(rooms):
+    punch = SHARED / "other/deepmimic/humanoid3d_punch.txt"
+    if not punch.is_file():
+        pytest.skip("no motions beside the checkout")
+    its = retargeter()
+    every = rooms.throughput.variants(its, [punch], 4)
+    assert len({one.digest for one in every}) == 4
+    whole = rooms.tasks.clips(its, [punch], "made", 0, 1)[0]
+    for i, one in enumerate(every):
+        bones = one.x.reshape(-1, 7, 3)
+        np.testing.assert_allclose(np.linalg.norm(bones, axis=2), 1.0)
+        first = rooms.streams.mirrored(whole.x[:1]) if i % 2 else whole.x[:1]
+        np.testing.assert_allclose(one.x[:1], first, atol=1e-9)
+        assert len(whole.x) / 1.4 - 2 <= len(one.x) <= len(whole.x) / 0.7 + 2
+    again = rooms.throughput.variants(its, [punch], 4)
+    assert [one.digest for one in again] == [one.digest for one in every]
+
+
+@pytest.mark.wide
+def test_a_data_set_is_timed_after_the_first_motion(rooms, tmp_path):
+    if not SHARED.is_dir():
+        pytest.skip("no motions beside the checkout")
+    found = rooms.throughput.table(
+        rooms.entrants.by_key("file,stream"), "coman", tmp_path, SHARED / "other/deepmimic",
+        tmp_path, 1, count=3, sample=2,
+    )  # fmt: skip
+    file, stream = found["rows"]
+    assert (file["clips"], stream["clips"], file["lost"], stream["lost"]) == (3, 2, 0, 0)
+    assert file["frames"] > 0 and file["rate"] == pytest.approx(file["frames"] / file["seconds"])
+    assert file["days"] == pytest.approx(1e9 / file["rate"] / 86400.0)
+    assert file["cost"] == pytest.approx(file["days"] * 24.0 * found["price"])
+
+
 @pytest.mark.wide
 @pytest.mark.parametrize("rival", ["stream", "mink"])
 def test_quick_with_two_entrants(rooms, rival, tmp_path):
