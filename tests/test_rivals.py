@@ -171,6 +171,13 @@ def test_an_entrant_that_is_not_there_is_told_and_left_out(rooms, monkeypatch, t
         rooms.entrants.by_key("gmr")
 
 
+def test_what_is_installed_for_ours_is_what_the_project_requires(rooms):
+    names, own = rooms.run.own()
+    assert {"coal", "numba", "pin"} <= set(names) and "torch" not in names and own > 1e6
+    found = rooms.run.sizes(rooms.entrants.by_key("file"))["file"]
+    assert 300.0 < found < 2000.0
+
+
 def test_a_motion_is_kept_under_all_that_decides_it(rooms):
     mink, pink = rooms.entrants.by_key("mink,pink")
     task = task_of(rooms, motion(5))

@@ -8,9 +8,11 @@ rivals.csv and rivals.json. Times are those of this machine; nothing is asserted
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
+import tomllib
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -313,15 +315,24 @@ def sizes(who: list[Entrant]) -> dict[str, float | None]:
     """MB that each takes installed, with all it requires; None: not known."""
     found: dict[str, float | None] = {}
     for one in who:
-        ours = one.module == "ours"
-        python = sys.executable if ours else str(install.python(one.environment))
+        names, more, python = list(one.packages), 0, str(install.python(one.environment))
+        if one.module == "ours":  # what is installed here may be of an older state of the project
+            (names, more), python = own(), sys.executable
         done = subprocess.run(
-            [python, str(HERE / "size.py"), *one.packages], capture_output=True, text=True,
-            check=False,
-        )  # fmt: skip
+            [python, str(HERE / "size.py"), *names], capture_output=True, text=True, check=False
+        )
         known = done.returncode == 0 and done.stdout.strip().isdigit()
-        found[one.key] = int(done.stdout) / 1e6 if known and one.packages else None
+        found[one.key] = (int(done.stdout) + more) / 1e6 if known and names else None
     return found
+
+
+def own() -> tuple[list[str], int]:
+    """What this project requires, and the bytes of its own files."""
+    root = HERE.parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    names = [re.split("[<>=!~ ;]", line)[0] for line in project["dependencies"]]
+    files = [path for path in (root / "s3le").rglob("*") if path.is_file()]
+    return names, sum(p.stat().st_size for p in files if "__pycache__" not in p.parts)
 
 
 if __name__ == "__main__":
