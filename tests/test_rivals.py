@@ -2,49 +2,23 @@
 
 import json
 import sys
-from pathlib import Path
-from types import SimpleNamespace
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from rivalled import ROOT, made_of, opened, task_of
 from streaming import motion, retargeter
 from worlds import coman, inside_limits
 
 from s3le.kernels import batch
 
-ROOT = Path(__file__).parents[1]
-SHARED = ROOT.parent / "shared/mocap"
-NAMES = (
-    "plain", "meshes", "tasks", "entrants", "kept", "install", "verdict", "sums", "changes", "book",
-    "throughput", "run", "sweep", "engines", "continuous", "judging", "streams",
-)  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def rooms():
-    """The modules of benchmarks/rivals; those of benchmarks/judge come with them."""
-    for name in NAMES:
-        sys.modules.pop(name, None)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "path", [str(ROOT / "benchmarks/rivals"), *sys.path])
-        yield SimpleNamespace(**{name: __import__(name) for name in NAMES})
-    for name in NAMES:
-        sys.modules.pop(name, None)
+rooms = pytest.fixture(scope="module")(opened)
 
 
 @pytest.fixture(scope="module")
 def court(rooms):
     return rooms.verdict.Court(coman())
-
-
-def made_of(q):
-    return {"q": q, "seconds": np.full(len(q), 1e-3), "failed": np.zeros(len(q), bool)}
-
-
-def task_of(rooms, x, kind="cmu"):
-    return rooms.tasks.Task("made", kind, x, coman().anchor, "0" * 16)
 
 
 def colliding(n, seed=3):
@@ -366,68 +340,3 @@ def test_a_motion_that_never_came_is_counted(rooms):
     assert (row["clips"], row["motions"], row["lost"]) == (2, 1, 10)
     record = rooms.sums.record([lost, case(rooms, "file", "c0")], about(rooms), {})
     assert "No motion came of: mink" in rooms.book.page(record)
-
-
-def test_a_data_set_is_made_of_mirrored_clips_at_other_speeds(rooms):
-    punch = SHARED / "other/deepmimic/humanoid3d_punch.txt"
-    if not punch.is_file():
-        pytest.skip("no motions beside the checkout")
-    its = retargeter()
-    every = rooms.throughput.variants(its, [punch], 4)
-    assert len({one.digest for one in every}) == 4
-    whole = rooms.tasks.clips(its, [punch], "made", 0, 1)[0]
-    for i, one in enumerate(every):
-        bones = one.x.reshape(-1, 7, 3)
-        np.testing.assert_allclose(np.linalg.norm(bones, axis=2), 1.0)
-        first = rooms.streams.mirrored(whole.x[:1]) if i % 2 else whole.x[:1]
-        np.testing.assert_allclose(one.x[:1], first, atol=1e-9)
-        assert len(whole.x) / 1.4 - 2 <= len(one.x) <= len(whole.x) / 0.7 + 2
-    again = rooms.throughput.variants(its, [punch], 4)
-    assert [one.digest for one in again] == [one.digest for one in every]
-
-
-@pytest.mark.wide
-def test_a_data_set_is_timed_after_the_first_motion(rooms, tmp_path):
-    if not SHARED.is_dir():
-        pytest.skip("no motions beside the checkout")
-    found = rooms.throughput.table(
-        rooms.entrants.by_key("file,stream"), "coman", tmp_path, SHARED / "other/deepmimic",
-        tmp_path, 1, count=3, sample=2,
-    )  # fmt: skip
-    file, stream = found["rows"]
-    assert (file["clips"], stream["clips"], file["lost"], stream["lost"]) == (3, 2, 0, 0)
-    assert file["frames"] > 0 and file["rate"] == pytest.approx(file["frames"] / file["seconds"])
-    assert file["days"] == pytest.approx(1e9 / file["rate"] / 86400.0)
-    assert file["cost"] == pytest.approx(file["days"] * 24.0 * found["price"])
-
-
-@pytest.mark.wide
-@pytest.mark.parametrize("rival", ["stream", "mink"])
-def test_quick_with_two_entrants(rooms, rival, tmp_path):
-    if not SHARED.is_dir():
-        pytest.skip("no motions beside the checkout")
-    if rival == "mink" and not rooms.install.python("field").is_file():
-        pytest.skip("the rivals' environment is not set up: make rivals")
-    given = dict(
-        quick=True, only=f"file,{rival}", frames=20, cmu=SHARED / "cmu",
-        demo=SHARED / "other/deepmimic", work=tmp_path / "work", reports=tmp_path, workers=1,
-        everything=False, robots="coman", protocols="", lafan=None, clones=None,
-        data_set=False, clip=None,
-    )  # fmt: skip
-    rooms.run.main(**given)
-    record = json.loads((tmp_path / "rivals.json").read_text())
-    by = {(row["key"], row["adversarial"]): row for row in record["rows"]}
-    assert set(by) == {(key, hard) for key in ("file", rival) for hard in (False, True)}
-    for (key, _), row in by.items():
-        assert row["motions"] == row["clips"] and row["frames"] > 0 and row["size_mb"] > 1.0
-        assert row["first_s"] > 0.0
-        if key != "mink":
-            assert row["poses_broken"]["value"] == row["paths_broken"]["value"] == 0.0
-            assert row["paths_unproven"]["value"] == 0.0 and row["repair_left"] == 0
-    assert by["file", False]["same"] is True and by[rival, False]["same"] is True
-    assert (tmp_path / "rivals.html").stat().st_size > 20_000
-    files = {path: path.stat().st_mtime_ns for path in (tmp_path / "work").rglob("*.npz")}
-    first = (tmp_path / "rivals.csv").read_bytes()
-    rooms.run.main(**given)  # all is kept
-    assert files == {p: p.stat().st_mtime_ns for p in (tmp_path / "work").rglob("*.npz")}
-    assert (tmp_path / "rivals.csv").read_bytes() == first

@@ -40,7 +40,12 @@ def python(name: str) -> Path:
 
 
 def main() -> None:
-    """Make what is missing."""
+    """Make what is missing.
+
+    Raises:
+        SystemExit: an environment could not be set up; the others were.
+    """
+    wrong = []
     for name, lines in sections(LOCK.read_text(encoding="utf-8")).items():
         made = FOLDER / name / "made-of.txt"
         if made.is_file() and made.read_text(encoding="utf-8") == lines:
@@ -56,10 +61,12 @@ def main() -> None:
         commands = [[*pip, *torch]] if torch else []
         commands.append([*pip, "--no-deps", "-r", listed])
         if any(subprocess.run(command, check=False).returncode for command in commands):
-            raise SystemExit(
-                f"{FOLDER.name}/{name} could not be set up; its entrants count as not installed"
-            )
-        made.write_text(lines, encoding="utf-8")
+            python(name).unlink()  # so that nobody takes it for whole
+            wrong.append(f"{FOLDER.name}/{name}")
+        else:
+            made.write_text(lines, encoding="utf-8")
+    if wrong:
+        raise SystemExit(f"not set up: {', '.join(wrong)}; their entrants count as not installed")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 import time
 import tomllib
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -38,7 +39,9 @@ from s3le.store import documents
 
 WORK, REPORTS = Path("data/rivals"), Path("reports")
 FRAMES, QUICK_FRAMES = 240, 45  # of a clip
-PATIENCE = 300.0  # [s] for one motion of one entrant, after which it counts as failed
+PATIENCE = 120.0  # [s] for one motion of one entrant, after which it counts as never made
+COMPILES = 900.0  # [s] for ours, whose kernels may have to be compiled
+TRIES, STALLED = 4, "no motion within"  # processes for the motions of an entrant
 THIRD = ("jvrc", "talos", "romeo", "coman_authors")  # of --all: the first that is here
 
 
@@ -209,7 +212,28 @@ def perform(
     clones: Path | None,
     patience: float = PATIENCE,
 ) -> str:
-    """Let a process make motions of one entrant; what went wrong, if anything did."""
+    """Let a process make motions of one entrant; what went wrong, if anything did.
+
+    A process that ends or is ended within a motion loses that one; another goes on with the rest,
+    a few times.
+    """
+    told, left = "", listed
+    for _ in range(TRIES):
+        told = _process(left, name, folder, files, core, clones, patience) or told
+        waiting = [job for job in left if not job.out.is_file()]
+        if not waiting or (len(waiting) == len(left) and told and not told.startswith(STALLED)):
+            break  # all is made, or it does not even begin
+        left = waiting[1:]  # they are made in their order: the first that is missing was too much
+        if not left:
+            break
+    return told
+
+
+def _process(
+    listed: list[Job], name: str, folder: Path, files: dict[str, Path], core: int | None,
+    clones: Path | None, patience: float,
+) -> str:  # fmt: skip
+    """One process; what went wrong, if anything did."""
     first = listed[0]
     ours = first.entrant.module == "ours"
     job = {
@@ -226,14 +250,25 @@ def perform(
     script = HERE / ("ours.py" if ours else "worker.py")
     single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     path = {"PYTHONPATH": str(HERE.parents[1])} if ours else {"PYTHONPATH": ""}
-    try:
-        done = subprocess.run(
-            [str(python), str(script), str(where)], capture_output=True, text=True, check=False,
-            env=os.environ | single | path, timeout=patience * len(listed),
+    patience = max(patience, COMPILES) if ours else patience
+    with tempfile.TemporaryFile("w+") as words:
+        process = subprocess.Popen(
+            [str(python), str(script), str(where)], stdout=subprocess.DEVNULL, stderr=words,
+            env=os.environ | single | path,
         )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return f"gave up after {patience * len(listed):.0f} s"
-    return "" if done.returncode == 0 else " ".join(done.stderr.split()[-40:])
+        made, since = 0, time.monotonic()
+        try:
+            while process.poll() is None:
+                time.sleep(0.2)
+                if (now := sum(job.out.is_file() for job in listed)) > made:
+                    made, since = now, time.monotonic()
+                if time.monotonic() - since > patience:
+                    return f"{STALLED} {patience:.0f} s"
+        finally:
+            process.kill()
+            process.wait()
+        words.seek(0)
+        return "" if process.returncode == 0 else " ".join(words.read().split()[-40:])
 
 
 _court: verdict.Court | None = None
