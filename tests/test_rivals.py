@@ -2,6 +2,7 @@
 
 import json
 import sys
+import xml.etree.ElementTree as ElementTree
 
 import coal
 import numpy as np
@@ -92,6 +93,23 @@ def test_written_robot_is_the_same_robot_in_another_reader(rooms):
         )  # fmt: skip
         if min(least, known[row]) > 0.0:  # how deep is each library's own business
             np.testing.assert_allclose(least, known[row], atol=2e-5)
+
+
+def test_capsules_can_be_written_as_they_are(rooms):
+    told = rooms.tasks.plain_of(coman())
+    text = rooms.plain.Writer(told).capsules.text
+    root = ElementTree.fromstring(text)
+    assert root.get("version") == "1.2"
+    shapes = [
+        link.find("collision/geometry")[0]
+        for link in root.iter("link")
+        if link.get("name").startswith("body_")
+    ]
+    assert len(shapes) == len(told.bodies)
+    for shape, body in zip(shapes, told.bodies, strict=True):
+        length = float(np.linalg.norm(body.b - body.a))
+        assert float(shape.get("radius")) == body.radius
+        assert float(shape.get("length", 0.0)) == pytest.approx(length, abs=1e-9)
 
 
 def test_frames_that_are_none_are_the_one_before(rooms):

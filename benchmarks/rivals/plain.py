@@ -209,14 +209,19 @@ class Writer:
     @cached_property
     def bare(self) -> Written:
         """Without anything to collide."""
-        return self._written(False)
+        return self._written("")
 
     @cached_property
     def pieces(self) -> Written:
         """Each capsule as a cylinder and two spheres, which every reader of URDF knows."""
-        return self._written(True)
+        return self._written("pieces")
 
-    def _written(self, collides: bool) -> Written:
+    @cached_property
+    def capsules(self) -> Written:
+        """Capsules as they are: URDF 1.2, which urdfdom 6 reads."""
+        return self._written("capsules")
+
+    def _written(self, shapes: str) -> Written:
         robot = self._robot
         joints = tuple(f"link_{i}" for i in range(len(robot.joints)))
         parts, lines = [_link("base")], []
@@ -232,14 +237,15 @@ class Writer:
             )
         bodies = tuple(f"body_{i}" for i in range(len(robot.bodies)))
         for name, body in zip(bodies, robot.bodies, strict=True):
-            parts.append(_link(name, _shapes(body) if collides else ""))
+            parts.append(_link(name, _shapes(body, shapes == "capsules") if shapes else ""))
             lines.append(_fixed(name, _parent(joints, body.joint), _middle(body), _turn(body)))
         points = {role: f"point_{role}" for role in POINTS}
         for role, name in points.items():
             place = robot.points[role]
             parts.append(_link(name))
             lines.append(_fixed(name, _parent(joints, place.joint), place.offset, np.eye(3)))
-        text = "\n".join([f'<robot name="{robot.name}">', *parts, *lines, "</robot>", ""])
+        version = ' version="1.2"' if shapes == "capsules" else ""
+        text = "\n".join([f'<robot name="{robot.name}"{version}>', *parts, *lines, "</robot>", ""])
         return Written(text, bodies, points, joints)
 
 
@@ -273,11 +279,14 @@ def _link(name: str, shapes: str = "") -> str:
     )
 
 
-def _shapes(body: Capsule) -> str:
+def _shapes(body: Capsule, whole: bool) -> str:
     half, radius = _half(body), body.radius
     sphere = f'<geometry><sphere radius="{radius!r}"/></geometry></collision>'
     if half < 1e-9:
         return f"<collision>{sphere}"
+    if whole:
+        capsule = f'<capsule radius="{radius!r}" length="{2.0 * half!r}"/>'
+        return f"<collision><geometry>{capsule}</geometry></collision>"
     return (
         f'<collision><geometry><cylinder radius="{radius!r}" length="{2.0 * half!r}"/></geometry>'
         f'</collision><collision><origin xyz="0 0 {half!r}"/>{sphere}'

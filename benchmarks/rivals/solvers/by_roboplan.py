@@ -29,7 +29,7 @@ def about() -> dict[str, str]:
 
 def make(robot: Plain, dt: float, settings: dict) -> Callable[[Goal, np.ndarray], np.ndarray]:
     """What solves a frame that takes dt [s]."""
-    written, solves = Writer(robot).pieces, int(settings.get("solves", 1))
+    written, solves = Writer(robot).capsules, int(settings.get("solves", 1))
     scene = Scene("robot", loadUrdfSceneDescriptionFromXml(written.text))
     scene.importSrdf(_srdf(robot, written.bodies))
     at = scene.getJointPositionIndices(robot.names)
