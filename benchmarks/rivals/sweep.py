@@ -116,8 +116,9 @@ def tried_one(
         sums["frames"] += m
         if not job.out.is_file():
             sums["lost"] += m
-            angles.append(180.0)
-            weights.append(m)
+            if job.task.kind == "training":
+                angles.append(180.0)
+                weights.append(m)
             continue
         with np.load(job.out) as held:
             q, failed = held["q"], held["failed"]
