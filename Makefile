@@ -5,7 +5,8 @@
 # `make paper` runs the pipeline by what is printed in the paper.
 # `make study` repeats the trainings behind reports/study, `make search` searches settings for each
 # method on a validation set, `make judge` makes the independent judgement behind reports/judge.
-# `make hpp` fetches a third judge for it, which proves paths.
+# `make hpp` fetches a third judge for it, which proves paths. `make rivals` runs what else there is
+# on the same motions and has it judged.
 # All set up .venv by themselves; PIP_ARGS is passed to every pip call.
 PYTHON ?= python3
 PIP_ARGS ?=
@@ -13,7 +14,7 @@ VENV := .venv
 READY := $(VENV)/ready
 RUN := PATH="$(CURDIR)/$(VENV)/bin:$$PATH" PIP_ARGS="$(PIP_ARGS)" PIP_DISABLE_PIP_VERSION_CHECK=1
 
-.PHONY: repro report test laws test-all paper study search judge hpp video videos setup lint lock
+.PHONY: repro report test laws test-all paper study search judge hpp rivals video videos setup lint lock
 
 repro: setup
 	@$(RUN) dvc repro
@@ -62,6 +63,12 @@ hpp: $(VENV)/hpp
 $(VENV)/hpp: requirements-judge.lock $(READY)
 	@$(RUN) $(VENV)/bin/python -m pip install -q $(PIP_ARGS) --no-deps -r requirements-judge.lock
 	@touch $@
+
+# Every retargeter that runs here, on the same motions, judged between the frames: half an hour,
+# resumable. ARGS="--quick" looks for four minutes, ARGS="--all" does the rest.
+rivals: setup
+	-@$(RUN) python benchmarks/rivals/install.py
+	@$(RUN) OMP_NUM_THREADS=1 python benchmarks/rivals/run.py $(ARGS)
 
 # MediaPipe 0.10.21 has wheels for Python 3.9 to 3.12 and wants an older numpy than s3le: it gets
 # an environment of its own. VIDEO_PYTHON=/path/to/python3.12 names the interpreter.

@@ -3,8 +3,8 @@
     pip install mink==1.3.0 pin-pink==4.4.0 daqp
     python benchmarks/repair.py [--robots coman,g1] [--solvers mink,pink] [--keep data/repair]
 
-mink and pink (benchmarks/rivals.py: collision limits on, four solves a frame, from the anchor pose)
-follow 21 clips, at most 450 frames each at 30 Hz: the 15 of DeepMimic in data/downloads/demo
+mink and pink (benchmarks/rivals/solvers: collision limits on, four solves a frame, from the anchor
+pose) follow 21 clips, at most 450 frames each at 30 Hz: the 15 of DeepMimic in data/downloads/demo
 (`dvc repro clips`) and six of CMU. What they give goes through the guard's file door, three ways:
 
     both    brought within speeds and accelerations first, joint by joint
@@ -25,6 +25,7 @@ Motions are kept in --keep, one file each: what solvers made is not made again, 
 of it is.
 """
 
+import sys
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,22 +34,24 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import typer
 from floor import Floor, in_time
-from rivals import followed, mink_solver, pink_solver
 from tqdm import tqdm
 from tuple_cost import one_core
 
-from s3le.errors import CertificateError
-from s3le.guard.claim import Claim, claim
-from s3le.guard.clean import Guard
-from s3le.guard.layouts.episode import Episode
-from s3le.guard.layouts.numbers import Numbers
-from s3le.human.skeletons import read_frames
-from s3le.kernels import batch
-from s3le.plan import chase, weights
-from s3le.plan.limits import Limits, limits
-from s3le.robot.robot import Robot
-from s3le.skeleton import cosine_distance
-from s3le.store import atomic
+sys.path.append(str(Path(__file__).parent / "rivals"))
+from inside import followed  # noqa: E402
+
+from s3le.errors import CertificateError  # noqa: E402
+from s3le.guard.claim import Claim, claim  # noqa: E402
+from s3le.guard.clean import Guard  # noqa: E402
+from s3le.guard.layouts.episode import Episode  # noqa: E402
+from s3le.guard.layouts.numbers import Numbers  # noqa: E402
+from s3le.human.skeletons import read_frames  # noqa: E402
+from s3le.kernels import batch  # noqa: E402
+from s3le.plan import chase, weights  # noqa: E402
+from s3le.plan.limits import Limits, limits  # noqa: E402
+from s3le.robot.robot import Robot  # noqa: E402
+from s3le.skeleton import cosine_distance  # noqa: E402
+from s3le.store import atomic  # noqa: E402
 
 RATE, SOLVES = 30.0, 4  # [Hz]; quadratic programs a frame
 TILT = 89.0  # [deg], for one of the clips crawls
@@ -59,7 +62,6 @@ UNLIMITED = 1e3  # [rad/s], a speed limit that is none; solvers want a number
 MOVED, FAR = 0.05, 10.0  # [deg]; the second is the mark of the p95 of inputs within speed
 FLOORS = 400  # poses of a row of the table whose floor is looked for
 BROKEN = ("limits", "velocities", "accelerations", "poses", "paths")
-SOLVERS = {"mink": mink_solver, "pink": pink_solver}
 
 
 class Motion(NamedTuple):
@@ -123,9 +125,10 @@ def repaired(
         speed = np.where(np.isfinite(own.speed), own.speed, UNLIMITED)
         runs = {}
         for way, fastest in (("speed", speed), ("fast", np.full(robot.n_dof, UNLIMITED))):
-            solve = SOLVERS[solver](robot, 1.0 / RATE, fastest, SOLVES)
             with one_core():
-                runs[way] = followed(solver, solve, robot, x, robot.anchor)
+                runs[way] = followed(
+                    solver, robot, fastest, 1.0 / RATE, x, robot.anchor, solves=SOLVES
+                )
         made = {way: run.q for way, run in runs.items()}
         made["both"] = within(time, made["speed"], own)
         for way, path in at.items():

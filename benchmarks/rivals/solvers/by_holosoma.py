@@ -1,0 +1,98 @@
+"""holosoma-retargeting (OmniRetarget): whole motions by interaction meshes, on its own G1.
+
+It wants a whole body's joints on a floor, so it is given a person of its own format whose trunk and
+arms point along the same seven vectors as everybody's and whose legs stand straight. Of what it
+makes, the joints that this benchmark's robot has are kept. It runs as its documentation has it
+(robot_only), with the mujoco that it works with; the one that pip resolves freezes all joints. Time
+is the whole motion's, evenly over its frames.
+"""
+
+import os
+import sys
+import time
+from contextlib import redirect_stdout
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from plain import Plain
+
+from solvers import versions
+
+HEIGHT = 1.75  # [m], of the person
+JOINTS = (
+    "Pelvis", "L_Hip", "R_Hip", "Spine1", "L_Knee", "R_Knee", "Spine2", "L_Ankle", "R_Ankle",
+    "Spine3", "L_Foot", "R_Foot", "Neck", "L_Collar", "R_Collar", "Head", "L_Shoulder",
+    "R_Shoulder", "L_Elbow", "R_Elbow", "L_Wrist", "R_Wrist",
+)  # fmt: skip
+TRUNK, NECK, SHOULDER, UPPER, FORE = 0.50, 0.16, 0.18, 0.28, 0.25  # [m]
+STANDS = {  # [m] from the pelvis; the left side
+    "Hip": (0.0, 0.09, -0.05), "Knee": (0.0, 0.09, -0.46), "Ankle": (0.0, 0.09, -0.87),
+    "Foot": (0.13, 0.09, -0.92),
+}  # fmt: skip
+
+
+def about() -> dict[str, str]:
+    """Versions."""
+    return versions("holosoma-retargeting", "mujoco", "cvxpy", "clarabel", "torch")
+
+
+def whole(
+    robot: Plain, dt: float, settings: dict, x: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A whole motion: poses (m, n) [rad], seconds (m,), and which frames failed (m,).
+
+    Raises:
+        ValueError: it gives another number of frames, or has not the robot's joints.
+    """
+    found = find_spec("holosoma_retargeting")
+    package = Path(found.submodule_search_locations[0])
+    sys.path[:0] = [str(package), str(package / "src")]
+    here = os.getcwd()
+    os.chdir(package)  # it looks for its models from there
+    try:
+        import mujoco
+        from holosoma_retargeting.config_types.retargeting import RetargetingConfig
+        from holosoma_retargeting.examples import robot_retarget
+
+        with TemporaryDirectory() as folder, redirect_stdout(sys.stderr):
+            points = person(x)
+            np.savez(Path(folder) / "motion.npz", global_joint_positions=points, height=HEIGHT)
+            began = time.perf_counter()
+            robot_retarget.main(
+                RetargetingConfig(
+                    task_type="robot_only", data_format="smplx", task_name="motion",
+                    data_path=Path(folder), save_dir=Path(folder) / "made", robot="g1",
+                )
+            )  # fmt: skip
+            took = time.perf_counter() - began
+            with np.load(Path(folder) / "made/motion.npz") as made:
+                qpos = made["qpos"]
+        model = mujoco.MjModel.from_xml_path(str(package / "models/g1/g1_29dof.xml"))
+        at = [int(model.joint(name).qposadr[0]) for name in robot.names]
+    finally:
+        os.chdir(here)
+    if len(qpos) != len(x):
+        raise ValueError(f"{len(qpos)} frames came of {len(x)}")
+    return qpos[:, at], np.full(len(x), took / len(x)), np.zeros(len(x), bool)
+
+
+def person(x: np.ndarray) -> np.ndarray:
+    """Joints [m], (m, 22, 3), of who stands, trunk and arms along skeletons (m, 21)."""
+    u = x.reshape(-1, 7, 3)
+    pelvis = np.tile([-0.5, 0.0, 0.95], (len(u), 1))  # it faces the origin
+    at = {"Pelvis": pelvis}
+    for name, (forward, aside, up) in STANDS.items():
+        at[f"L_{name}"] = pelvis + [forward, aside, up]
+        at[f"R_{name}"] = pelvis + [forward, -aside, up]
+    for i, share in enumerate((0.25, 0.5, 0.75), start=1):
+        at[f"Spine{i}"] = pelvis + share * TRUNK * u[:, 0]
+    at["Neck"] = pelvis + TRUNK * u[:, 0]
+    at["Head"] = at["Neck"] + NECK * u[:, 0]
+    for side, first in (("R", 1), ("L", 4)):
+        at[f"{side}_Collar"] = at["Neck"] + 0.4 * SHOULDER * u[:, first]
+        at[f"{side}_Shoulder"] = at["Neck"] + SHOULDER * u[:, first]
+        at[f"{side}_Elbow"] = at[f"{side}_Shoulder"] + UPPER * u[:, first + 1]
+        at[f"{side}_Wrist"] = at[f"{side}_Elbow"] + FORE * u[:, first + 2]
+    return np.stack([at[name] for name in JOINTS], axis=1)
