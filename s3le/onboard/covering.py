@@ -148,28 +148,42 @@ def measure(
         unknown: links whose drawing could not be read.
     """
     frames = {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
-    solid: dict[int, Capsules] = {}
+    solids: list[dict[int, Capsules]] = [{}, {}]  # with usual bodies; with finer ones, where any
+    finer = set()  # joints that carry some
     for link in root.findall("link"):
         frame = frames[link.get("name") or ""]
+        if any(item.get("name") == FINE for item in link.findall("collision")):
+            finer.add(frame.parentJoint)
         at = frame.placement
-        solid.setdefault(frame.parentJoint, []).extend(
-            (at.act(a), at.act(b), radius) for a, b, radius in bodies_of(link)
-        )
+        for fine, solid in enumerate(solids):
+            solid.setdefault(frame.parentJoint, []).extend(
+                (at.act(a), at.act(b), radius) for a, b, radius in bodies_of(link, bool(fine))
+            )
     found = {}
     for link in (name for name in frames if name in drawn or name in unknown):
         if link in unknown:
             found[link] = Drawn(link, np.nan, np.nan)
             continue
         frame = frames[link]
-        found[link] = _one(link, drawn[link], frame.placement, solid.get(frame.parentJoint, []))
+        kinds = solids[: 2 if frame.parentJoint in finer else 1]
+        ways = [
+            _one(link, drawn[link], frame.placement, solid.get(frame.parentJoint, []))
+            for solid in kinds
+        ]
+        found[link] = Drawn(link, max(w.reach for w in ways), max(w.share for w in ways))
     return found
 
 
-def bodies_of(link: ElementTree.Element) -> Capsules:
-    """What the model makes of a link's usual bodies, in the link's frame."""
+def bodies_of(link: ElementTree.Element, fine: bool = False) -> Capsules:
+    """What the model makes of a link's bodies, in the link's frame: usual, or finer if it has any.
+
+    Each kind contains the link.
+    """
     found = []
-    for item in link.findall("collision"):
-        if item.get("name") == FINE:  # contain the link too, each part of it by its own
+    every = link.findall("collision")
+    fine = fine and any(item.get("name") == FINE for item in every)
+    for item in every:
+        if (item.get("name") == FINE) != fine:
             continue
         origin = item.find("origin")
         words = {} if origin is None else dict(origin.items())

@@ -140,6 +140,9 @@ def propose(
             pairs, said = work.tighten([standing.q, out, anchor.zero(robot)])
             plan.finer, plan.baselines = sorted(map(sorted, pairs)), True
             sure += said
+            drawn = covering.measure(origin.model, origin.root, origin.drawn, list(origin.unread))
+            record = covered.Record(allowance, tuple(drawn.values()))
+            covered.mark(origin.root, record)
             text = source.text(origin.root)
             files[f"urdf/{name}.urdf"] = text.encode()
             robot = plan.load(Path(folder))

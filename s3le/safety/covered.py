@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from s3le.errors import RobotError
 from s3le.robot.known import READY
 from s3le.robot.model import Geometry
+from s3le.robot.urdf import FINE
 
 TAG = "covered"
 ALLOWANCE = 0.02  # [m] that a drawing may reach beyond bodies before it is told
@@ -85,8 +86,9 @@ def fingerprint(root: ElementTree.Element) -> str:
     for link in root.findall("link"):
         for item in link.findall("collision"):
             parts.append(link.get("name") or "")
+            parts += [FINE] if item.get("name") == FINE else []
             for element in item.iter():
-                if element.tag != "collision":  # whose name matters to nobody
+                if element.tag != "collision":  # whose other names matter to nobody
                     parts += [str(element.tag), *(f"{k}={v}" for k, v in sorted(element.items()))]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
