@@ -196,7 +196,7 @@ def _touching(
     """Pairs of links that touch by design and are taken off, why; and what to look at."""
     taken, look = {}, []
     shown = motion.poses(robot, [robot.anchor, *named], 1.0)
-    for one in touching.locked(robot, work.pieces, shown):
+    for one in touching.locked(robot, work.pieces, shown, work.margin):
         names = " and ".join(sorted(one.links))
         if one.touches:
             taken[one.links] = one.why()

@@ -44,20 +44,24 @@ class Locked(NamedTuple):
         )
 
 
-def locked(robot: Geometry, pieces: Sequence[Piece], shown: Shown) -> list[Locked]:
+def locked(robot: Geometry, pieces: Sequence[Piece], shown: Shown, margin: float) -> list[Locked]:
     """Pairs of links that are held to a baseline and forbid many poses.
 
     Args:
         robot: with its anchor.
         pieces: its parts as they are drawn.
         shown: poses as people move, named ones first.
+        margin: what a pair that is not held to its baseline keeps [m].
     """
-    held = [pair for pair in pairs.all_pairs(robot) if pair.reason == pairs.BASELINE]
+    held = [
+        pair for pair in pairs.all_pairs(robot)
+        if pair.reason == pairs.BASELINE and pair.baseline < margin
+    ]  # fmt: skip
     if not held:
         return []
     listed = np.array([(pair.a, pair.b) for pair in held])
     apart = batch.pair_distances(chain.build(robot, listed, "midpoint"), shown.q[shown.named :])
-    deeper = apart < np.minimum([p.baseline for p in held], 0.0) - pairs.RESTING
+    deeper = apart < np.array([p.baseline for p in held]) - pairs.RESTING
     links = [frozenset((robot.bodies[p.a].link, robot.bodies[p.b].link)) for p in held]
     found = []
     for two in dict.fromkeys(links):
