@@ -198,7 +198,7 @@ def test_a_robot_is_a_folder_a_file_or_a_name(tmp_path, monkeypatch):
         assert shell.robot(str(given)).digest == coman().digest
     monkeypatch.chdir(tmp_path)
     assert shell.robot(None).name == "coman"
-    with pytest.raises(RobotError, match="no robot 'nobody'.* coman, coman_authors, g1"):
+    with pytest.raises(RobotError, match="no robot 'nobody'.* coman, coman_authors, .*g1"):
         shell.robot("nobody")
 
 

@@ -156,7 +156,8 @@ def test_the_list_of_robots_says_what_is_not_covered(place):
     )
     told = {row["name"]: row for row in json.loads(run("robot", "list", "--json").output)}
     assert any("LShy_0 and LElb_0" in pair for pair in told["coman"]["not_covered"])
-    assert len(told["coman"]["not_covered"]) == 13
+    assert len(told["coman"]["not_covered"]) == 20
+    assert len(told["coman_covered"]["not_covered"]) == 13
     (place / "data" / "robots" / "broken.yaml").write_text("name: broken\n")
     said = run("robot", "list")
     assert said.exit_code == shell.BROKEN and "broken: cannot be used: " in said.output

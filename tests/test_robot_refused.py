@@ -264,7 +264,8 @@ def test_a_missing_robot_is_answered_with_the_ones_there_are():
     with pytest.raises(RobotError) as refusal:
         model.load(ROBOTS / "coma.yaml")
     assert str(refusal.value) == (
-        f"{ROBOTS / 'coma.yaml'} does not exist; robots here: coman, coman_authors, g1"
+        f"{ROBOTS / 'coma.yaml'} does not exist; robots here: "
+        + ", ".join(sorted(file.stem for file in ROBOTS.glob("*.yaml")))
     )
 
 

@@ -59,9 +59,9 @@ class Court:
             self.most.acceleration,
         )  # fmt: skip
         self.between = between
-        self.coal = Judge(robot, promise, Coal(robot))
+        self.coal = Judge(robot, promise, Coal(robot, promise.between))
         try:
-            self.mujoco: Mujoco | None = Mujoco(robot)
+            self.mujoco: Mujoco | None = Mujoco(robot, promise.between)
         except ImportError:  # told in the record: nothing is called broken by it then
             self.mujoco = None
         self.hulls = HullCheck(robot, hulls) if hulls else None
