@@ -228,9 +228,10 @@ def test_whatever_comes_in_is_refused_in_words_or_answered_by_a_step_that_holds(
 # --- the judge itself
 
 
-def test_engines_agree_with_each_other_and_with_the_certificate(rooms):
+@pytest.mark.parametrize("name", ["coman", "coman_covered"])
+def test_engines_agree_with_each_other_and_with_the_certificate(rooms, name):
     pytest.importorskip("mujoco")
-    made = coman()
+    made = coman(name=name)
     between = retargeter().settings.between
     one, other = rooms.engines.Coal(made, between), rooms.engines.Mujoco(made, between)
     q = inside_limits(made, 60, 4)

@@ -175,7 +175,7 @@ def written(robot: Robot, between: float) -> tuple[str, str]:
     for (a, b), slack in zip(robot.watched, robot.slack(between), strict=True):
         if slack != 0.0:  # a pair that overlaps by design: thinner copies of its own
             share = slack / (robot.bodies[a].radius + robot.bodies[b].radius)
-            parts += [(int(k), share * robot.bodies[k].radius) for k in (a, b)]
+            parts += [(int(k), float(share * robot.bodies[k].radius)) for k in (a, b)]
     for k, (source, less) in enumerate(parts):
         item = geometry.geometryObjects[source]
         placement, capsule = capsule_of(item)
