@@ -8,9 +8,11 @@ from worlds import MARGIN, coman, exact_distance, inside_limits, placed, relaxed
 
 from s3le.kernels import batch
 from s3le.robot.bounded import never_deeper, over_range
+from s3le.robot.chain import watching
 from s3le.robot.pairs import BASELINE, BOUNDED, DEEPER, NEIGHBOURS, RESTING, SURE, told
-from s3le.safety import audit
-from s3le.safety.paths import CERTIFIED, certify
+from s3le.safety import audit, segment
+from s3le.safety.paths import CERTIFIED, COLLIDES, certify
+from s3le.safety.swept import swept
 
 BETWEEN = 0.0005
 ALGEBRA = 1e-9  # [m]
@@ -112,6 +114,18 @@ def test_paths_that_are_certified_come_no_deeper_and_some_would():
             assert min(deepest) >= -DEEPER - ALGEBRA
         refused += min(deepest) < -DEEPER
     assert refused
+
+
+def test_a_floor_above_the_margin_is_kept_too():
+    made = covered()
+    chain, q = made.chain, made.anchor
+    apart = batch.pair_distances(chain, q[None])[0]
+    row = int(np.argmin(np.where(apart > 0.15, apart, np.inf)))
+    one = watching(chain, np.arange(len(apart)) == row)
+    for floor, status in ((apart[row] - 1e-3, CERTIFIED), (apart[row] + 1e-3, COLLIDES)):
+        its = one._replace(slack=np.ones(1), floor=np.full(1, floor))
+        found = segment.prove(its, swept(its), segment.scratch(its), q, q.copy(), BETWEEN, 5)
+        assert found[0] == status
 
 
 def test_a_pose_that_is_deeper_is_broken_and_named():

@@ -243,6 +243,8 @@ def _sift(chain, swept, s, left, right, margin, low):
         # First order, for the balls around the capsules: no root, and it decides nearly all.
         level = max(margin, low)
         far = level + _ROUNDING + swept.balls[a] + swept.balls[b] + 0.5 * travel
+        if chain.slack[row] != 0.0:  # one whose floor is higher than the margin
+            far += max(chain.floor[row] - margin, 0.0)
         square = far * far
         if _square(L[a, 2], L[b, 2]) >= square and _square(R[a, 2], R[b, 2]) >= square:
             continue
