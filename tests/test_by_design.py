@@ -120,7 +120,7 @@ def test_a_floor_above_the_margin_is_kept_too():
     made = covered()
     chain, q = made.chain, made.anchor
     apart = batch.pair_distances(chain, q[None])[0]
-    row = int(np.argmin(np.where(apart > 0.15, apart, np.inf)))
+    row = int(np.argmax(apart))  # so far that the balls around the two decide
     one = watching(chain, np.arange(len(apart)) == row)
     for floor, status in ((apart[row] - 1e-3, CERTIFIED), (apart[row] + 1e-3, COLLIDES)):
         its = one._replace(slack=np.ones(1), floor=np.full(1, floor))
