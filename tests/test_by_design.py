@@ -8,7 +8,6 @@ from worlds import MARGIN, coman, exact_distance, inside_limits, placed, relaxed
 
 from s3le.kernels import batch
 from s3le.robot.bounded import never_deeper, over_range
-from s3le.robot.chain import watching
 from s3le.robot.pairs import BASELINE, BOUNDED, DEEPER, NEIGHBOURS, RESTING, SURE, told
 from s3le.safety import audit, segment
 from s3le.safety.paths import CERTIFIED, COLLIDES, certify
@@ -120,10 +119,12 @@ def test_a_floor_above_the_margin_is_kept_too():
     made = covered()
     chain, q = made.chain, made.anchor
     apart = batch.pair_distances(chain, q[None])[0]
-    row = int(np.argmax(apart))  # so far that the balls around the two decide
-    one = watching(chain, np.arange(len(apart)) == row)
-    for floor, status in ((apart[row] - 1e-3, CERTIFIED), (apart[row] + 1e-3, COLLIDES)):
-        its = one._replace(slack=np.ones(1), floor=np.full(1, floor))
+    # After a near pair is decided, the balls around two that are far decide them.
+    near = np.argmin(np.where(chain.slack == 0.0, apart, np.inf))
+    rows = np.array([near, np.argmax(apart)])
+    two = chain._replace(pair=chain.pair[rows], slack=np.array([0.0, 1.0]))
+    for more, status in ((-1e-3, CERTIFIED), (1e-3, COLLIDES)):
+        its = two._replace(floor=np.array([0.0, apart[rows[1]] + more]))
         found = segment.prove(its, swept(its), segment.scratch(its), q, q.copy(), BETWEEN, 5)
         assert found[0] == status
 
