@@ -1,9 +1,11 @@
 """The wheel alone, in an empty folder, with everything missing that is an extra."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from command import ROOT, waving
@@ -51,7 +53,8 @@ def test_the_wheel_alone_makes_a_motion_without_torch_dvc_or_a_checkout(tmp_path
             capture_output=True, text=True,
         ).stdout  # fmt: skip
 
-    assert str(installed) in s3le_says("robot", "list")
+    listed = json.loads(s3le_says("robot", "list", "--json"))
+    assert {str(installed / "s3le/robots")} == {str(Path(robot["file"]).parent) for robot in listed}
     said = s3le_says("retarget", "walk.bvh", "--out", "motions")
     assert "20,000 stored poses" in said and "certified" in said
     assert "CERTIFIED" in s3le_says("audit", "motions/walk.parquet")
