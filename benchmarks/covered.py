@@ -36,7 +36,8 @@ def main() -> None:
     for item in found.values():
         print(f"{item.link:<28} {item.reach * 1e3:7.1f} mm {item.share:7.1%}")
     file = READY / "covered.json"
-    held = json.loads(file.read_text())
+    every = json.loads(file.read_text())
+    held = {bodies: entry for bodies, entry in every.items() if entry["robot"] != robot.name}
     links = {item.link: [_number(item.reach), _number(item.share)] for item in found.values()}
     held[covered.fingerprint(robot.tree)] = {
         "robot": robot.name, "allowance": covered.ALLOWANCE, "links": links

@@ -32,7 +32,7 @@ def of(robot, a, b):
 
 def test_a_pair_that_asks_is_watched_by_the_finer_bodies_and_others_by_the_usual_ones(tmp_path):
     robot = made(tmp_path)
-    assert sum(body.fine for body in robot.bodies) == 18
+    assert sum(body.fine for body in robot.bodies) == 15
     asked = of(robot, "DWYTorso", "Waist")
     assert asked[False, False] == {OTHERWISE} and asked[True, True] <= set(KEPT)
     assert asked[True, False] == asked[False, True] == {OTHERWISE}

@@ -10,27 +10,29 @@ part that loses most of the distance to the other link's hull, over poses of the
 them, is halved again, until none loses more than --loss or there are --most.
 """
 
-import math
 from pathlib import Path
 from typing import Annotated
+from xml.etree import ElementTree
 
 import coal
 import numpy as np
 import pinocchio as pin
 import typer
-from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 
 from s3le.onboard import capsules
+from s3le.onboard.bodies import element
 from s3le.onboard.capsules import Capsule
+from s3le.onboard.motion import convex
 from s3le.onboard.source import Source, read
+from s3le.onboard.splitting import Splitter
 from s3le.robot.robot import Robot
+from s3le.robot.urdf import FINE
 
 POSES = 250  # of the joints between, beside the anchor
 CLEAR, NEAR = 0.002, 0.03  # [m], hulls this far apart matter
 THIN = 0.02  # [m], parts are cut no thinner
-DIGITS = 6  # of lengths in the URDF; radii are rounded up
-ROUNDED = 2e-6  # [m] that rounding moves an end
+STARTS = 4  # of the search for a capsule
 
 
 def main(
@@ -46,7 +48,7 @@ def main(
     first, second = links
     one, other = (_solid(source, link) for link in links)
     between = _placements(robot, first, second)
-    hulls = _convex(one), _convex(other)
+    hulls = tuple(convex(solid.reshape(-1, 3)) for solid in (one, other))
     apart = np.array([_distance(hulls[0], at, hulls[1]) for at in between])
     matter = np.concatenate([[0], np.flatnonzero((apart > CLEAR) & (apart < NEAR))])
     between, apart = [between[k] for k in matter], np.minimum(apart[matter], NEAR)
@@ -58,7 +60,7 @@ def main(
     ):
         made, lost = _cover(solid, ways, hull, apart, loss, count)
         print(f"{link}: {len(made)} capsules, which lose up to {lost * 1e3:.1f} mm")
-        print("".join(f"    {_element(capsule)}\n" for capsule in made), end="")
+        print("".join(f"    {_fine(*one)}\n" for one in made), end="")
     print(f"finer: [[{first}, {second}]]")
 
 
@@ -84,13 +86,20 @@ def _placements(robot: Robot, first: str, second: str) -> list[pin.SE3]:
 
 
 def _cover(
-    solid: np.ndarray, ways: list[pin.SE3], other: coal.Convex, apart: np.ndarray, loss: float,
-    most: int,
-) -> tuple[list[Capsule], float]:  # fmt: skip
-    """Capsules that together hold a hull, and the most that one loses of the distance [m]."""
-    facets = ConvexHull(solid.reshape(-1, 3)).equations
+    solid: np.ndarray, ways: list[pin.SE3], other: coal.CollisionGeometry, apart: np.ndarray,
+    loss: float, most: int,
+) -> tuple[list[tuple[Capsule, np.ndarray]], float]:  # fmt: skip
+    """Capsules that together hold a hull, each with what it holds, and the most that one loses.
+
+    What is lost is distance to the other hull [m].
+    """
+    whole = Splitter(solid.reshape(-1, 3))
+
+    def holding(part: np.ndarray) -> Capsule:
+        return whole.fit(part.reshape(-1, 3), STARTS)
+
     parts = [solid]
-    made = [_least_reach(solid.reshape(-1, 3), facets)]
+    made = [holding(solid)]
     lost = [_lost(made[0], ways, other, apart)]
     while len(parts) < most and max(lost) > loss:
         k = int(np.argmax(lost))
@@ -100,7 +109,7 @@ def _cover(
             if np.ptp(height) < THIN:
                 continue
             halves = capsules.cut(parts[k], way, 0.5 * (height.min() + height.max()))
-            fitted = [_least_reach(half.reshape(-1, 3), facets) for half in halves]
+            fitted = [holding(half) for half in halves]
             cost = [_lost(capsule, ways, other, apart) for capsule in fitted]
             if best is None or max(cost) < max(best[2]):
                 best = halves, fitted, cost
@@ -108,28 +117,7 @@ def _cover(
             break
         for held, new in zip((parts, made, lost), best, strict=True):
             held[k : k + 1] = new
-    return made, max(lost)
-
-
-def _least_reach(points: np.ndarray, facets: np.ndarray) -> Capsule:
-    """A capsule that holds all points and sticks out of the hull little."""
-    outer = capsules.extreme(points)
-
-    def reach(ends: np.ndarray) -> float:
-        a, b = ends[:3], ends[3:]
-        radius = capsules.to_segment(outer, a, b).max()
-        out = max(float((facets[:, :3] @ end + facets[:, 3]).max()) for end in (a, b))
-        return out + 1.02 * radius  # of two that reach as far the thinner one
-
-    starts = [capsules.fit(outer), *(capsules._crude(outer, way) for way in np.eye(3))]
-    found = []
-    for start in starts:
-        ends = np.concatenate([start.a, start.b])
-        simplex = np.concatenate([ends[None], ends + 0.03 * np.eye(6)])
-        options = {"maxfev": 500, "initial_simplex": simplex}
-        found.append(minimize(reach, ends, method="Nelder-Mead", options=options))
-    best = min(found, key=lambda result: result.fun).x
-    return capsules.around(points, best[:3], best[3:])
+    return [(c, part.reshape(-1, 3)) for c, part in zip(made, parts, strict=True)], max(lost)
 
 
 def _lost(capsule: Capsule, ways: list[pin.SE3], other: coal.Convex, apart: np.ndarray) -> float:
@@ -153,28 +141,11 @@ def _distance(one: coal.CollisionGeometry, at: pin.SE3, other: coal.CollisionGeo
     return float(result.min_distance)
 
 
-def _convex(solid: np.ndarray) -> coal.Convex:
-    corners = np.unique(solid.reshape(-1, 3), axis=0)
-    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for corner in corners:
-        points.append(corner)
-    for simplex in ConvexHull(corners).simplices:
-        triangles.append(coal.Triangle(*map(int, simplex)))
-    return coal.Convex(points, triangles)
-
-
-def _element(capsule: Capsule) -> str:
-    """A capsule as it stands in a URDF; it holds the one given, whatever was rounded."""
-    a, b = np.round(capsule.a, DIGITS), np.round(capsule.b, DIGITS)
-    length = float(np.linalg.norm(b - a))
-    turn = pin.Quaternion.FromTwoVectors(np.eye(3)[2], b - a if length else np.eye(3)[2])
-    rpy = pin.rpy.matrixToRpy(turn.toRotationMatrix())
-    xyz, rpy = (" ".join(f"{v + 0.0:.9g}" for v in row) for row in ((a + b) / 2, rpy))
-    radius = math.ceil((capsule.radius + ROUNDED) * 10**DIGITS) / 10**DIGITS
-    return (
-        f'<collision name="fine"><origin xyz="{xyz}" rpy="{rpy}"/><geometry>'
-        f'<capsule radius="{radius!r}" length="{length:.9g}"/></geometry></collision>'
-    )
+def _fine(capsule: Capsule, points: np.ndarray) -> str:
+    """A finer body as it stands in a URDF; it holds the points, whatever was rounded."""
+    item, _ = element(capsule, points)
+    item.set("name", FINE)
+    return ElementTree.tostring(item, encoding="unicode")
 
 
 if __name__ == "__main__":
