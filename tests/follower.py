@@ -35,7 +35,7 @@ class Plain:
 
     def __init__(self, robot: Robot | None = None, margin_between: float = 0.0005) -> None:
         self.robot = robot or coman()
-        self.settings = SimpleNamespace(between=margin_between)
+        self.settings = SimpleNamespace(between=margin_between, jerk=0.0)
         self.most = limits(self.robot, acceleration=np.inf)
         self.speed = self.most.speed
         self._q = None

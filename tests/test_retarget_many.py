@@ -358,7 +358,7 @@ def test_every_option_that_can_change_a_result_is_in_the_key(tmp_path):
     plain = dict(retargeting(clip, tmp_path, its).about())
     changed = dict(
         fps=25.0, tilt_max=50.0, how=task.How(axes="z-up"), minority=True, rate=60.0, even=True,
-        lead_in=1.0, others=task.Other("legs.npz", "../legs.npz", "hash"),
+        lead_in=1.0, others=task.Other("legs.npz", "../legs.npz", "hash"), jerk=900.0,
     )  # fmt: skip
     assert changed.keys() == set(task.Asked._fields)
     for name, value in changed.items():

@@ -64,6 +64,7 @@ def guard(
             "--straight", help="Joints straight from row to row, without speeds or a way to rest."
         ),
     ] = False,
+    jerk: options.Jerk = None,
     fps: options.RateOfRows = None,
     joints: options.Joints = None,
     degrees: options.Degrees = False,
@@ -142,6 +143,7 @@ def guard(
             speed_factor,
             shell.by_joint(acceleration, "--acceleration", "RAD_S2"),
             straight,
+            jerk or 0.0,
         )
         named = shell.names(joints)
         reading = Reading(
@@ -268,6 +270,8 @@ def _details(said: dict[str, Any]) -> list[str]:
     if joints := said.get("moved", {}).get("joints"):
         farthest = [f"{one['joint']} {one['most_deg']:.2f} deg" for one in joints]
         lines.append(f"    moved most: {', '.join(farthest)}")
+    if (told := said.get("jerk", {})).get("limit_rad_s3"):
+        lines.append(f"    {shell.jerk(told)}")
     for name, one in said.get("given", {}).get("breaks", {}).items():
         if one["broken"]:
             lines.append(

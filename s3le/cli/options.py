@@ -32,6 +32,13 @@ Method = Annotated[
     str | None,
     typer.Option(help="Refuse any other method of look-up.", show_default="whichever it is"),
 ]
+Jerk = Annotated[
+    float | None,
+    typer.Option(
+        help="Aim at no more jerk than this [rad/s^3]; it is told, and not certified.",
+        show_default="any",
+    ),
+]
 Human = Annotated[
     str | None,
     typer.Option(

@@ -67,6 +67,7 @@ def retarget(
         float,
         typer.Option(help="Move from the robot's anchor to the first frame in this time [s]."),
     ] = 0.0,
+    jerk: options.Jerk = None,
     tilt_max: Annotated[
         float, typer.Option(help="Drop frames whose torso leans farther [deg].")
     ] = 60.0,
@@ -155,6 +156,8 @@ def retarget(
         paths = chosen(clips)
         its, words, line = shell.retargeter(model, method, robot)
         shell.warn_of(its.robot)
+        if jerk is not None:
+            its = its.gentler(jerk)  # refuses what is none
         shape = outputs.shape(
             its.robot,
             csv=csv,
@@ -181,8 +184,16 @@ def retarget(
             robot=its.robot.tag,
             lead=Lead.of(its.robot, model, method),
             asked=Asked(
-                fps, tilt_max, known, accept_minority, rate, bool(shape.tools), lead_in, other
-            ),
+                fps,
+                tilt_max,
+                known,
+                accept_minority,
+                rate,
+                bool(shape.tools),
+                lead_in,
+                other,
+                jerk,
+            ),  # fmt: skip
             words=words,
             written=shape.about(),
         )
@@ -296,6 +307,7 @@ def _compile(its: "Retargeter") -> None:
 
 def _line(path: Path, summary: dict[str, Any]) -> str:
     rows, to_human = summary["rows"], summary["to_human"]
+    jerk = summary["jerk"]["planned"]
     dropped, run = sum(summary["frames"]["dropped"].values()), summary.get("forced")
     said = "certified" if not run else "NOT certified, some steps are forced"
     return (
@@ -304,4 +316,5 @@ def _line(path: Path, summary: dict[str, Any]) -> str:
         f"{summary['clearance_m']['least'] * 1e3:.2f} mm, "
         f"{summary['milliseconds_per_frame']['p50']:.2f} ms a frame"
         + (f", {dropped} frames dropped" if dropped else "")
+        + (f", {shell.jerk(jerk)}" if jerk["limit_rad_s3"] else "")
     )

@@ -122,6 +122,15 @@ def warn_of(robot: "Robot") -> None:
         say(f"warning: {said}", err=True)
 
 
+def jerk(told: dict[str, Any]) -> str:
+    """What a summary tells of the jerk that was aimed at."""
+    beyond = f"{told['beyond']} of {told['of']} steps" if told["beyond"] else "nothing"
+    return (
+        f"jerk at most {told['largest_rad_s3']:.0f} rad/s^3, {beyond} beyond "
+        f"{told['limit_rad_s3']:g}"
+    )
+
+
 def by_joint(given: list[str] | None, option: str, unit: str) -> dict[str, float] | float | None:
     """What an option says of joints: one number for all, or JOINT=NUMBER, several times.
 

@@ -23,6 +23,7 @@ class Claim:
     acceleration: tuple[float, ...]  # [rad/s^2], one a joint of the robot; inf: any
     between: float | None = None  # [m], clearance of every path; None: a quarter of the margin
     straight: bool = False  # rows with straight joints between; else curves with a way to rest
+    jerk: float = 0.0  # [rad/s^3], aimed at and told, but not claimed; 0: any
 
     def demands(self, robot: Robot) -> audit.Demands:
         """What the audit is asked, for the robot of `robot`."""
@@ -41,6 +42,7 @@ def claim(
     speed_factor: float = 1.0,
     acceleration: dict[str, float] | float | None = None,
     straight: bool = False,
+    jerk: float = 0.0,
 ) -> tuple[Robot, Claim]:
     """What is claimed, and the robot that keeps its margin.
 
@@ -50,7 +52,7 @@ def claim(
         speed_factor: share of the joint speeds that may be used, in (0, 1].
         acceleration: of all joints, or of some by name [rad/s^2]; else the robot
             file's, or limits.ACCELERATION.
-        straight: see Claim.
+        straight, jerk: see Claim.
 
     Raises:
         ParameterError: a number is out of its range, a joint unknown, or the robot's anchor pose
@@ -64,9 +66,10 @@ def claim(
     elif acceleration is not None:
         hardest[:] = acceleration
     limits(robot, hardest, speed_factor)  # refuses what is out of range
+    Settings(jerk=jerk)  # likewise
     made = Claim(
         margin=named.margin, speed_factor=float(speed_factor),
-        acceleration=tuple(hardest.tolist()), straight=straight,
+        acceleration=tuple(hardest.tolist()), straight=straight, jerk=float(jerk),
     )  # fmt: skip
     if robot.margin != made.margin:
         robot = replace(robot, margin=made.margin)
@@ -118,6 +121,7 @@ def with_reserve(
         between=audit.demands(robot, of.margin, of.between).margin_between + reserve,
         check=False,  # the audit does, once it is rounded
         curved=not of.straight,
+        jerk=of.jerk,
     )
     if reserve:
         robot = replace(robot, margin=margin)

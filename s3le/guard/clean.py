@@ -19,7 +19,7 @@ from s3le.guard import curves, forced, moved, sense
 from s3le.guard.claim import Claim, with_reserve
 from s3le.guard.forced import Forced
 from s3le.guard.layouts.episode import Episode, Layout
-from s3le.guard.made import SAME, TRIES, Made, Progress, looks, work
+from s3le.guard.made import SAME, TRIES, Made, Progress, jerk, looks, work
 from s3le.motion.trajectory import BETWEEN
 from s3le.plan.examine import DRIVEN, PLANNED, WANTED
 from s3le.plan.flow import planner
@@ -169,6 +169,7 @@ class Guard:
                 "driven": int((how == DRIVEN).sum()),
             },
             "reserve_rad": max(one.reserve for one in made),
+            "jerk": jerk(layout.episodes, made, self.claim.jerk),
             "after": _merged(layout, reports),
             "certificate": self.certificate(layout.episodes, reports) | self._lost(layout, made),
             "holds": all(report.holds for report in reports),
@@ -214,7 +215,8 @@ class Guard:
         name, time, wanted = episode.name, episode.time, episode.q
         before, seen = self._look(episode, wanted, progress)
         m = len(time)
-        if before.holds or (seen and forced.only(seen, np.zeros(m, bool))):
+        good = before.holds or (seen and forced.only(seen, np.zeros(m, bool)))
+        if good and not curves.rough(self, time, wanted, None):
             if progress:
                 progress(work(m) - looks(m))
             runs = self._forced(episode, seen)

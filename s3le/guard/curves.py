@@ -16,9 +16,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from s3le.errors import CertificateError, S3leError
+from s3le.guard.claim import Claim
 from s3le.guard.layouts.episode import Episode
 from s3le.guard.made import SAME, TRIES, Made, Progress, looks, work
-from s3le.plan import flow, through
+from s3le.plan import flow, gentle, through
 from s3le.plan.examine import DRIVEN, PLANNED, WANTED, Plan
 from s3le.plan.limits import Limits
 from s3le.plan.whole import Planner
@@ -34,6 +35,7 @@ class Its(Protocol):
     """What is asked of a guard here; clean.Guard does it."""
 
     robot: Robot
+    claim: Claim
     demands: audit.Demands
     most: Limits
 
@@ -108,7 +110,7 @@ def nearest(its: Its, episode: Episode, progress: Progress | None = None) -> Mad
     if here.curve is not None:
         as_wanted = np.full(m, WANTED, np.uint8)
         kept = Made(wanted, here.before, here.curve.report, as_wanted, 0.0, v=here.curve.v)
-        if here.good:
+        if here.good and not rough(its, time, wanted, here.curve.v):
             if progress:
                 progress(work(m) - looks(m))
             return kept
@@ -136,7 +138,7 @@ def nearest(its: Its, episode: Episode, progress: Progress | None = None) -> Mad
             how = np.where((q == wanted).all(axis=1), WANTED, np.maximum(plan.how, PLANNED))
             done = Made(q, here.before, made.report, how.astype(np.uint8), reserve, v=made.v)
             # Rows that a curve leads through stay, unless others hold straight as well.
-            return done if kept is None or not astray(its, q) else kept
+            return done if kept is None or here.good or not astray(its, q) else kept
         why = made.report.complaint
         off = float(np.abs(written - plan.q).max()), step * float(np.abs(v - plan.v).max())
         rounds = max(rounds, *off)
@@ -150,6 +152,12 @@ def nearest(its: Its, episode: Episode, progress: Progress | None = None) -> Mad
         f"{episode.name}: what would be written does not hold: {why}"
         + (f"; the file rounds angles by {rounds:.2g} rad" if rounds > 0.0 else "")
     )
+
+
+def rough(its: Its, time: np.ndarray, q: np.ndarray, v: np.ndarray | None) -> bool:
+    """Has a motion more jerk than is aimed at? See gentle.jerks."""
+    limit = its.claim.jerk
+    return bool(limit) and bool((np.abs(gentle.jerks(time, q, v)) > limit).any())
 
 
 def astray(its: Its, q: np.ndarray) -> int:

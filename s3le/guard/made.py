@@ -1,12 +1,13 @@
 """What becomes of one episode, and how much work it is."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from s3le.guard.forced import Forced
 from s3le.guard.layouts.episode import Episode
+from s3le.plan import gentle
 from s3le.safety import audit
 
 TRIES = 4  # reserves that are tried where a motion does not hold as it is rounded, each the double
@@ -31,6 +32,12 @@ class Made(NamedTuple):
             return None
         same = episode.v is not None and (self.v == episode.v).all()
         return None if same else self.v
+
+
+def jerk(episodes: Sequence[Episode], made: Sequence[Made], limit: float) -> dict[str, Any]:
+    """What a summary tells of the jerk of what came out; see gentle.about."""
+    pairs = zip(episodes, made, strict=True)
+    return gentle.about([(one.time, done.q, done.v) for one, done in pairs], limit)
 
 
 def looks(rows: int) -> int:

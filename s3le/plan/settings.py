@@ -19,6 +19,7 @@ RANGES = {  # field -> (least, most), both allowed
     "horizon": (0.01, 60.0),
     "window": (16, 100_000),
     "steady": (0.0, 1e6),
+    "jerk": (0.0, 1e12),
     "soft": (1e-3, 1e9),
     "stiff": (1e-3, 1e9),
     "small": (1e-12, 1e-2),
@@ -46,6 +47,7 @@ class Settings:
     horizon: float = 0.5  # time before and after what is broken in which rows may move [s]
     window: int = 300  # most rows that are planned at once
     steady: float = 0.0  # weight of the squared second differences [1/rad^2]
+    jerk: float = 0.0  # change of acceleration that is aimed at, not claimed [rad/s^3]; 0: any
     soft: float = 50.0  # stiffness of clearances in the first round [1/m^2]
     stiff: float = 5000.0  # and in the last; the cost of a unit vector is its square
     small: float = 1e-7  # product of slack and multiplier at which a solve ends

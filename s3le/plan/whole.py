@@ -17,7 +17,7 @@ import numpy as np
 from s3le.errors import CertificateError, ParameterError
 from s3le.kernels import batch
 from s3le.kernels.poses import AGREEMENT
-from s3le.plan import causal, chase, drive, limits, rounds, weights
+from s3le.plan import causal, chase, drive, gentle, limits, rounds, weights
 from s3le.plan.examine import Plan, examine, origin
 from s3le.plan.interior import program
 from s3le.plan.limits import Limits
@@ -182,6 +182,7 @@ class _Job:
                     f"no motion was found that holds at row {row} ({self.times[row]:.4f} s): "
                     + self.why(row)
                 )
+        gentle.ease(self, self.its.settings.jerk)
         self.done(m)
 
     def plan(self) -> Plan:
@@ -251,10 +252,7 @@ class _Job:
         m, reach = len(self.q), self.reach
         window = max(self.its.settings.window, 4 * reach)
         while True:
-            if start < max(self.given, 2):
-                start = self.given
-            if stop > m - 2:
-                stop = m
+            start, stop = self.edges(start, stop)
             if stop - start <= window:
                 if self._window(start, stop, joins=stop < m) or stop == m:
                     self.done(stop)
@@ -268,15 +266,20 @@ class _Job:
             start = kept
             self.done(start)
 
-    def _window(self, start: int, stop: int, joins: bool, again: bool = False) -> bool:
+    def edges(self, start: int, stop: int) -> tuple[int, int]:
+        """A window, to an end of the motion where it is near: it joins two rows or none."""
+        m = len(self.q)
+        return start if start >= max(self.given, 2) else self.given, stop if stop <= m - 2 else m
+
+    def _window(self, start: int, stop: int, joins: bool, price: float | None = None) -> bool:
         """Plan a window; True where its limits hold, and those where it joins the rows after.
 
         Args:
             start, stop: the window's rows.
             joins: it ends in two rows as they are.
-            again: from where its rows are, by small changes.
+            price: least of squared second differences, for small changes [1/rad^2]; None: anew.
         """
-        its = self.its
+        its, anew = self.its, price is None
         before, after = 2 if start else 0, 2 if joins else 0
         rows = slice(start - before, stop + after)
         times, m = self.times[rows], stop - start + before + after
@@ -289,9 +292,8 @@ class _Job:
         p.fixed[:before] = True
         p.fixed[m - after : m] = True
         kept = self.q[rows].copy()
-        p.q[:m] = kept if again else self._guess(times, self.wanted[rows], kept, before, after)
-        most = its.most
-        lasts = self.lasts[rows]
+        p.q[:m] = self._guess(times, self.wanted[rows], kept, before, after) if anew else kept
+        most, lasts = its.most, self.lasts[rows]
         rounds.bound(p, m, times, lasts, most.lower, most.upper, most.speed, most.acceleration)
         x, W = self.aim.x, self.aim.W
         aim = rounds.Aim(
@@ -302,17 +304,18 @@ class _Job:
         between, rests, out = np.zeros(m), np.zeros(m), np.zeros(3)
         own = slice(start, min(stop + self._after, len(self.q)))
         chain, balls = its._chain, its._swept.balls
-        custom = (
-            its._custom._replace(soft=its._custom.stiff, rounds=_BURST) if again else its._custom
-        )
+        custom, stride = its._custom, np.inf if price is None else _STRIDE
+        if price is not None:
+            steady = max(custom.steady, price)
+            custom = custom._replace(soft=custom.stiff, rounds=_BURST, steady=steady)
         short = custom._replace(rounds=max(custom.rounds // 2, 1))
         for turn in range(its.settings.repairs + 1):
             good = rounds.settle_window(
                 chain, balls, p, m, aim, target, between, rests, its._bounds.acceleration,
-                short if turn else custom, turn == 0, out, _STRIDE if again else np.inf,
+                short if turn else custom, turn == 0, out, stride,
             )  # fmt: skip
             if not good or limits.broken(times, p.q[:m], most, lasts).any():
-                if turn or again:
+                if turn or not anew:
                     return True  # what was found before stays
                 self.q[rows] = (
                     kept if joins else self._guess(times, self.wanted[rows], kept, before, 0)
@@ -422,15 +425,13 @@ class _Job:
 
     def _polish(self, first: int, last: int) -> None:
         """Plan the rows about a stretch that was driven once more, from where they are."""
-        start, stop = max(first - self.reach, 0), min(last + self.reach, len(self.q))
-        start = start if start >= max(self.given, 2) else self.given
-        stop = stop if stop <= len(self.q) - 2 else len(self.q)
+        start, stop = self.edges(first - self.reach, last + self.reach)
         rows = slice(start, min(stop + self._after, len(self.q)))
         if self.close(rows.start, rows.stop).any():
             return
         kept, least = self.q[rows].copy(), self.cost(rows.start, rows.stop)
         for _ in range(_BURSTS):
-            self._window(start, stop, stop < len(self.q), again=True)
+            self._window(start, stop, stop < len(self.q), price=0.0)
             cost = self.cost(rows.start, rows.stop)
             if self.close(rows.start, rows.stop).any() or not cost < least:
                 self.q[rows] = kept

@@ -147,8 +147,7 @@ class _BodyJob(_Job):
             opened: from what is wanted with the arms opened, until all rows hold; else from each
                 pose by itself brought clear.
         """
-        m = len(self.q)
-        start, stop = (start if start >= 2 else self.given), (stop if stop <= m - 2 else m)
+        m, (start, stop) = len(self.q), self.edges(start, stop)
         rows = slice(start, min(stop + 1, m))
         before, after = 2 if start else 0, 2 if stop < m else 0
         part = slice(start - before, stop + after)

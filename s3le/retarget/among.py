@@ -120,8 +120,9 @@ def convert_among(
     plan = planner.plan(np.cumsum(dt), wanted, skeleton=True, progress=told)
 
     most = dict(zip(robot.joint_names, retargeter.most.acceleration.tolist(), strict=True))
-    its, asked = claim(robot, None, retargeter.settings.speed_factor, most, straight=True)
-    guard = clean.Guard(its, replace(asked, between=retargeter.settings.between))
+    own = retargeter.settings
+    its, asked = claim(robot, None, own.speed_factor, most, straight=True, jerk=own.jerk)
+    guard = clean.Guard(its, replace(asked, between=own.between))
     numbers = Numbers(
         tuple(np.ascontiguousarray(column) for column in plan.q.T), (False,) * robot.n_dof,
         plan.q, robot.lower, robot.upper,
@@ -169,7 +170,7 @@ def convert_among(
     )  # fmt: skip
     summary = {
         **notes,
-        **summarise(robot, seen, seen, followed, rows, made.after),
+        **summarise(robot, seen, seen, followed, rows, made.after, own.jerk),
         "given": {
             "joints": [] if read.others is None else list(read.others.joints),
             "breaks": forced.breaks([made.after]),

@@ -143,7 +143,7 @@ def convert(
     summary = {
         **{key: value for key, value in words.items() if key != "certificate"},
         "certificate": certificate,
-        **summarise(robot, frames, shown, made, rows, report),
+        **summarise(robot, frames, shown, made, rows, report, retargeter.settings.jerk),
     }
     return Result(motion, summary)
 

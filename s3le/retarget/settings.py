@@ -46,6 +46,9 @@ class Settings:
     acceleration_factor: float = _number(
         1.0, 1e-3, 1e3, "share of the joints' accelerations that is used"
     )
+    jerk: float = _number(
+        0.0, 0.0, 1e12, "jerk that whole motions aim at, not claimed [rad/s^3]; 0: any"
+    )
     cutoff: float = _number(
         0.0, 0.0, 1e4, "of the filter of a human who stands still [Hz]; 0: no filter"
     )
@@ -109,5 +112,5 @@ class Settings:
         """How the nearest certified motion is looked for."""
         return planning.Settings(
             target=float(self.target), between=float(self.between), budget=int(self.budget),
-            check=check, curved=True,
+            check=check, curved=True, jerk=float(self.jerk),
         )  # fmt: skip

@@ -271,6 +271,16 @@ class Retargeter:
         """
         return cls(*exported.load(folder, changed, method))
 
+    def gentler(self, jerk: float) -> "Retargeter":
+        """The same, but what it plans as a whole aims at a jerk [rad/s^3]; 0: at none.
+
+        It is told in the summary and not certified; streams know nothing of it.
+
+        Raises:
+            ParameterError: the jerk is out of range.
+        """
+        return Retargeter(self.robot, self._proposer, replace(self.settings, jerk=jerk))
+
     def warm_up(self) -> None:
         """Compile what a frame needs, or read it from the store, so that no frame waits for it.
 

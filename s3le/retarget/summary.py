@@ -7,6 +7,7 @@ import numpy as np
 from s3le.human.skeletons import ClipFrames
 from s3le.kernels import batch
 from s3le.motion.rates import Emission
+from s3le.plan import gentle
 from s3le.retarget.follow import Followed
 from s3le.robot.robot import Robot
 from s3le.safety import audit
@@ -39,6 +40,7 @@ def summarise(
     made: Followed,
     rows: Emission,
     report: audit.Report,
+    jerk: float,
 ) -> dict[str, Any]:
     """What a person or a table wants to know of one clip.
 
@@ -47,6 +49,7 @@ def summarise(
         clip: as it was read.
         frames: as it was followed; not finite where nobody is seen.
         made, rows, report: what came of it.
+        jerk: that was aimed at [rad/s^3]; 0: none.
     """
     seen = np.isfinite(frames.x).all(axis=1)
     frames = frames._replace(x=frames.x[seen], frame=frames.frame[seen])
@@ -54,6 +57,7 @@ def summarise(
     x = batch.skeletons(robot.chain, q)
     bones = 1.0 - (x * frames.x).reshape(-1, 7, 3).sum(axis=2)  # (n, 7)
     words, counts = np.unique(made.mode, return_counts=True)
+    speeds = None if np.isnan(made.v).any() else made.v
     taken = made.seconds[made.clip_from :] * 1e3
     return {
         **({"reading": clip.reading.summary()} if clip.reading else {}),
@@ -94,6 +98,7 @@ def summarise(
             "joints_rad_s3": _jerk(q, frames),
             "bones_robot_s3": _jerk(x, frames),
             "bones_human_s3": _jerk(frames.x, frames),
+            "planned": gentle.about([(made.time, made.q, speeds)], jerk),
         },
         "milliseconds_per_frame": {
             "p50": float(np.percentile(taken, 50)),

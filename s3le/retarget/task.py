@@ -43,6 +43,7 @@ class Asked(NamedTuple):
     even: bool = False
     lead_in: float = 0.0
     others: Other | None = None  # the file whose joints, root and rows the motion has
+    jerk: float | None = None  # that is aimed at [rad/s^3]; None: as the retargeter's settings say
 
     def about(self) -> dict[str, Any]:
         """As JSON."""
@@ -141,6 +142,8 @@ class Retargeting:
                 refuse_minority(source, frames)
             notes = frames.reading.told if frames.reading else ()
             about = {**self.words, **self.origins[number]}
+            if self.asked.jerk is not None:
+                its = its.gentler(self.asked.jerk)
             if (other := self.asked.others) is not None:
                 read = others.read(other, its.robot)
                 notes = (*notes, *read.notes, *among.told(frames, read, other.offset))
