@@ -49,14 +49,16 @@ def test_the_kernel_s_distance_is_exact(kind):
     witness = np.empty((2, 3))
     for A, B, _, _ in pairs_of(kind):
         want = exact_distance(A, B)
-        assert nearest_on_segments(A, B, witness) == pytest.approx(want, abs=ALGEBRA)
+        assert nearest_on_segments(np.stack([A, B]), 0, 1, witness) == pytest.approx(
+            want, abs=ALGEBRA
+        )
 
 
 @pytest.mark.parametrize("kind", SEGMENT_PAIRS)
 def test_the_kernel_s_clearance_is_coal_s(kind):
     witness = np.empty((2, 3))
     for A, B, r1, r2 in pairs_of(kind):
-        ours = nearest_on_segments(A, B, witness) - r1 - r2
+        ours = nearest_on_segments(np.stack([A, B]), 0, 1, witness) - r1 - r2
         unit = PER_METRE  # in metres coal itself is 1e-6 m off
         theirs = coal_distance(A * unit, B * unit, r1 * unit, r2 * unit) / unit
         rounding = AGREEMENT if kind == "nearly parallel" else GEOMETRY
@@ -67,16 +69,17 @@ def test_the_kernel_s_clearance_is_coal_s(kind):
 def test_distance_does_not_depend_on_which_segment_or_which_end_is_first(kind):
     witness = np.empty((2, 3))
     for A, B, _, _ in pairs_of(kind)[:40]:
-        want = nearest_on_segments(A, B, witness)
+        want = nearest_on_segments(np.stack([A, B]), 0, 1, witness)
         for first, second in ((B, A), (A[::-1].copy(), B), (A, B[::-1].copy())):
-            assert nearest_on_segments(first, second, witness) == pytest.approx(want, abs=ALGEBRA)
+            gap = nearest_on_segments(np.stack([first, second]), 0, 1, witness)
+            assert gap == pytest.approx(want, abs=ALGEBRA)
 
 
 @pytest.mark.parametrize("kind", SEGMENT_PAIRS)
 def test_witness_points_lie_on_their_segments_and_are_that_far_apart(kind):
     witness = np.empty((2, 3))
     for A, B, _, _ in pairs_of(kind):
-        gap = nearest_on_segments(A, B, witness)
+        gap = nearest_on_segments(np.stack([A, B]), 0, 1, witness)
         assert np.linalg.norm(witness[1] - witness[0]) == pytest.approx(gap, abs=ALGEBRA)
         for point, segment in zip(witness, (A, B), strict=True):
             on = exact_distance(np.array([point, point]), segment)
@@ -87,7 +90,7 @@ def test_witness_points_lie_on_their_segments_and_are_that_far_apart(kind):
 def test_the_normal_is_a_direction_from_the_first_to_the_second_even_where_they_meet(kind):
     witness, normal = np.empty((2, 3)), np.empty(3)
     for A, B, _, _ in pairs_of(kind):
-        gap = separation(A, B, witness, normal)
+        gap = separation(np.stack([A, B]), 0, 1, witness, normal)
         assert np.linalg.norm(normal) == pytest.approx(1.0, abs=ALGEBRA)
         if gap > 1e-6:
             assert normal * gap == pytest.approx(witness[1] - witness[0], abs=ALGEBRA)
@@ -106,7 +109,7 @@ def test_the_normal_is_a_direction_from_the_first_to_the_second_even_where_they_
 )
 def test_bodies_that_share_points_are_at_distance_zero_with_a_way_out(A, B):
     witness, normal = np.empty((2, 3)), np.empty(3)
-    assert separation(np.array(A, float), np.array(B, float), witness, normal) == 0.0
+    assert separation(np.array([A, B], float), 0, 1, witness, normal) == 0.0
     assert np.linalg.norm(normal) == pytest.approx(1.0, abs=ALGEBRA)
 
 

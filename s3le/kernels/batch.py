@@ -263,7 +263,7 @@ def _pair_distances(chain, q, out):
         place_capsules(chain, R, p, ends)
         for k in range(len(chain.pair)):
             a, b = chain.pair[k, 0], chain.pair[k, 1]
-            gap = nearest_on_segments(ends[a], ends[b], witness)
+            gap = nearest_on_segments(ends, a, b, witness)
             out[row, k] = gap - chain.body_radius[a] - chain.body_radius[b] + chain.slack[k]
 
 

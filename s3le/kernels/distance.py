@@ -37,20 +37,34 @@ def reach(chain):
 
 
 @compiled
-def nearest_on_segments(A, B, witness):
-    """Distance [m] between segments A and B (rows 0 and 1), nearest points into witness (2, 3).
+def nearest_on_segments(ends, one, other, witness):
+    """Distance [m] between two segments, nearest points into witness (2, 3).
 
     The minimum of a convex quadratic over the unit square: its free optimum if inside, otherwise
     on an edge. Parallel and zero-length segments need no special case beyond the clamps.
+
+    Written out component by component: differences of arrays would be arrays, made and thrown away
+    for every pair, which takes half the time of all that looks at pairs.
+
+    Args:
+        ends: of all segments [m], (b, 2 or more, 3).
+        one, other: which two of them.
+        witness: receives the points.
     """
-    d1 = A[1] - A[0]
-    d2 = B[1] - B[0]
-    r = A[0] - B[0]
-    a = d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
-    e = d2[0] * d2[0] + d2[1] * d2[1] + d2[2] * d2[2]
-    f = d2[0] * r[0] + d2[1] * r[1] + d2[2] * r[2]
-    c = d1[0] * r[0] + d1[1] * r[1] + d1[2] * r[2]
-    b = d1[0] * d2[0] + d1[1] * d2[1] + d1[2] * d2[2]
+    ux = ends[one, 1, 0] - ends[one, 0, 0]
+    uy = ends[one, 1, 1] - ends[one, 0, 1]
+    uz = ends[one, 1, 2] - ends[one, 0, 2]
+    vx = ends[other, 1, 0] - ends[other, 0, 0]
+    vy = ends[other, 1, 1] - ends[other, 0, 1]
+    vz = ends[other, 1, 2] - ends[other, 0, 2]
+    rx = ends[one, 0, 0] - ends[other, 0, 0]
+    ry = ends[one, 0, 1] - ends[other, 0, 1]
+    rz = ends[one, 0, 2] - ends[other, 0, 2]
+    a = ux * ux + uy * uy + uz * uz
+    e = vx * vx + vy * vy + vz * vz
+    f = vx * rx + vy * ry + vz * rz
+    c = ux * rx + uy * ry + uz * rz
+    b = ux * vx + uy * vy + uz * vz
     if a <= 1e-24 and e <= 1e-24:
         s = t = 0.0
     elif a <= 1e-24:
@@ -74,42 +88,53 @@ def nearest_on_segments(A, B, witness):
             s = min(max((b * t - c) / a, 0.0), 1.0)
         if det <= 1e-14 * a * e:
             # Not quite parallel segments are nearest at an end of one of them.
-            least = _apart(r, d1, d2, s, t) - 1e-14 * (a + e)
+            least = _apart(ends, one, other, s, t) - 1e-14 * (a + e)
             for end in range(2):
                 s_end = min(max((b * end - c) / a, 0.0), 1.0)
                 t_end = min(max((b * end + f) / e, 0.0), 1.0)
-                apart = _apart(r, d1, d2, float(end), t_end)
+                apart = _apart(ends, one, other, float(end), t_end)
                 if apart < least:
                     least, s, t = apart, float(end), t_end
-                apart = _apart(r, d1, d2, s_end, float(end))
+                apart = _apart(ends, one, other, s_end, float(end))
                 if apart < least:
                     least, s, t = apart, s_end, float(end)
+    witness[0, 0] = ends[one, 0, 0] + s * ux
+    witness[0, 1] = ends[one, 0, 1] + s * uy
+    witness[0, 2] = ends[one, 0, 2] + s * uz
+    witness[1, 0] = ends[other, 0, 0] + t * vx
+    witness[1, 1] = ends[other, 0, 1] + t * vy
+    witness[1, 2] = ends[other, 0, 2] + t * vz
     total = 0.0
     for i in range(3):
-        witness[0, i] = A[0, i] + s * d1[i]
-        witness[1, i] = B[0, i] + t * d2[i]
         total += (witness[1, i] - witness[0, i]) ** 2
     return np.sqrt(total)
 
 
 @compiled
-def _apart(r, d1, d2, s, t):
+def _apart(ends, one, other, s, t):
     """Squared distance [m^2] of the points at s and t."""
     total = 0.0
     for i in range(3):
-        total += (r[i] + s * d1[i] - t * d2[i]) ** 2
+        r = ends[one, 0, i] - ends[other, 0, i]
+        u = ends[one, 1, i] - ends[one, 0, i]
+        v = ends[other, 1, i] - ends[other, 0, i]
+        total += (r + s * u - t * v) ** 2
     return total
 
 
 @compiled
-def separation(A, B, witness, normal):
-    """Distance between two segments; normal (3,) from A to B, defined even where they meet."""
-    gap = nearest_on_segments(A, B, witness)
+def separation(ends, one, other, witness, normal):
+    """Distance [m] between two segments; normal (3,) from the first, defined even where they meet.
+
+    Arguments as of nearest_on_segments.
+    """
+    gap = nearest_on_segments(ends, one, other, witness)
     if gap > _TINY:
         for i in range(3):
             normal[i] = (witness[1, i] - witness[0, i]) / gap
         return gap
     # Segments that cross have no direction between nearest points: leave along the common normal.
+    A, B = ends[one], ends[other]
     d1 = A[1] - A[0]
     d2 = B[1] - B[0]
     normal[0] = d1[1] * d2[2] - d1[2] * d2[1]
@@ -149,7 +174,7 @@ def clearance(chain, ends, balls):
             apart += (ends[a, 2, i] - ends[b, 2, i]) ** 2
         if bound <= 0.0 or apart >= bound * bound:
             continue  # the balls around the two are already farther apart than the best
-        d = nearest_on_segments(ends[a], ends[b], witness)
+        d = nearest_on_segments(ends, a, b, witness)
         d -= chain.body_radius[a] + chain.body_radius[b] - chain.slack[k]
         if d < best:
             best = d
@@ -176,7 +201,7 @@ def near_pairs(chain, ends, balls, p, z, band, d, G):
             apart += (ends[a, 2, i] - ends[b, 2, i]) ** 2
         if apart >= bound * bound:
             continue
-        gap = separation(ends[a], ends[b], witness, normal)
+        gap = separation(ends, a, b, witness, normal)
         gap -= chain.body_radius[a] + chain.body_radius[b] - chain.slack[k]
         if gap >= band or found >= len(d):
             continue

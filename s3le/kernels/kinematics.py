@@ -9,8 +9,10 @@ from s3le.kernels.compiled import compiled
 def place(chain, q, R, p, z):
     """Place every frame: R (n+1, 3, 3), p (n+1, 3) [m]; z (n, 3), joint axes in the base frame."""
     n = len(q)
-    R[0] = np.eye(3)
-    p[0] = 0.0
+    for i in range(3):
+        p[0, i] = 0.0
+        for k in range(3):
+            R[0, i, k] = 1.0 if i == k else 0.0
     for j in range(n):
         f = chain.parent[j]
         x, y, w = chain.axis[j, 0], chain.axis[j, 1], chain.axis[j, 2]

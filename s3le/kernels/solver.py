@@ -271,7 +271,7 @@ def blend(chain, balls, anchor, margin, q):
             if apart >= bound * bound:
                 continue
             gap = (
-                nearest_on_segments(ends[a], ends[b], witness)
+                nearest_on_segments(ends, a, b, witness)
                 - chain.body_radius[a]
                 - chain.body_radius[b]
                 + chain.slack[k]

@@ -246,13 +246,13 @@ def _sift(chain, swept, s, left, right, margin, low):
         if chain.slack[row] != 0.0:  # one whose floor is higher than the margin
             far += max(chain.floor[row] - margin, 0.0)
         square = far * far
-        if _square(L[a, 2], L[b, 2]) >= square and _square(R[a, 2], R[b, 2]) >= square:
+        if _square(L, a, b, 2) >= square and _square(R, a, b, 2) >= square:
             continue
         radii = _radii(chain, row, margin)
-        left_gap = nearest_on_segments(L[a], L[b], s.witness[0])
+        left_gap = nearest_on_segments(L, a, b, s.witness[0])
         if left_gap - radii < margin:
             return low, left
-        right_gap = nearest_on_segments(R[a], R[b], s.witness[1])
+        right_gap = nearest_on_segments(R, a, b, s.witness[1])
         if right_gap - radii < margin:
             return low, right
         mean = 0.5 * (left_gap + right_gap) - radii
@@ -290,7 +290,7 @@ def _closest(chain, s, slot, margin):
     least, which = np.inf, -1
     for row in range(len(chain.pair)):
         ends = s.ends[slot]
-        gap = nearest_on_segments(ends[chain.pair[row, 0]], ends[chain.pair[row, 1]], s.witness[0])
+        gap = nearest_on_segments(ends, chain.pair[row, 0], chain.pair[row, 1], s.witness[0])
         gap -= _radii(chain, row, margin)
         if gap < least:
             least, which = gap, row
@@ -298,38 +298,47 @@ def _closest(chain, s, slot, margin):
 
 
 @compiled
-def _square(x, y):
-    return (x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2
+def _square(points, a, b, i):
+    """Squared distance of points (a, i) and (b, i)."""
+    x = points[a, i, 0] - points[b, i, 0]
+    y = points[a, i, 1] - points[b, i, 1]
+    z = points[a, i, 2] - points[b, i, 2]
+    return x**2 + y**2 + z**2
 
 
 @compiled
 def _shadows(s, a, b, C, left, right, bend):
     """Second-order bound of the distance of two cores [m]; -inf where they have no normal."""
     normal, witness = s.normal, s.witness
-    mean = np.zeros(3)  # of the normals at both ends, in C
+    m0 = m1 = m2 = 0.0  # mean of the normals at both ends, in C
     for side in range(2):
-        R = s.R[left if side == 0 else right, C]
-        gap = np.sqrt(_square(witness[side, 0], witness[side, 1]))
+        at = left if side == 0 else right
+        gap = 0.0
+        for i in range(3):
+            gap += (witness[side, 0, i] - witness[side, 1, i]) ** 2
+        gap = np.sqrt(gap)
         if not gap > 1e-9:
             return -np.inf
         for i in range(3):
             part = (witness[side, 1, i] - witness[side, 0, i]) / gap
-            for k in range(3):
-                mean[k] += R[i, k] * part
-    size = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
+            m0 += s.R[at, C, i, 0] * part
+            m1 += s.R[at, C, i, 1] * part
+            m2 += s.R[at, C, i, 2] * part
+    size = np.sqrt(m0**2 + m1**2 + m2**2)
     if not size > 1e-3:
         return -np.inf
     for side in range(2):
-        R = s.R[left if side == 0 else right, C]
+        at = left if side == 0 else right
         for i in range(3):
-            normal[side, i] = (R[i, 0] * mean[0] + R[i, 1] * mean[1] + R[i, 2] * mean[2]) / size
+            turned = s.R[at, C, i, 0] * m0 + s.R[at, C, i, 1] * m1 + s.R[at, C, i, 2] * m2
+            normal[side, i] = turned / size
     least = np.inf
     for e in range(2):
-        a0 = _dot(normal[0], s.ends[left, a, e])
-        a1 = _dot(normal[1], s.ends[right, a, e])
+        a0 = _along(normal, 0, s.ends, left, a, e)
+        a1 = _along(normal, 1, s.ends, right, a, e)
         for g in range(2):
-            f0 = _dot(normal[0], s.ends[left, b, g]) - a0
-            f1 = _dot(normal[1], s.ends[right, b, g]) - a1
+            f0 = _along(normal, 0, s.ends, left, b, g) - a0
+            f1 = _along(normal, 1, s.ends, right, b, g) - a1
             rise = abs(f1 - f0)
             lowest = min(f0, f1)
             if rise < 0.5 * bend:  # else the chord less the parabola is lowest at an end
@@ -339,5 +348,11 @@ def _shadows(s, a, b, C, left, right, bend):
 
 
 @compiled
-def _dot(x, y):
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+def _along(normal, side, ends, slot, body, end):
+    """How far an end of a core is along a normal [m]."""
+    n, x = normal, ends
+    return (
+        n[side, 0] * x[slot, body, end, 0]
+        + n[side, 1] * x[slot, body, end, 1]
+        + n[side, 2] * x[slot, body, end, 2]
+    )
