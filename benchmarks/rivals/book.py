@@ -41,7 +41,7 @@ def _share(key: str) -> Callable[[Row], str]:
 
 def _degrees(row: Row) -> str:
     if row.get("repair_refused"):
-        return f"{row['repair_refused']} of {row['motions']} refused"
+        return f"{row['repair_refused']} of {row['motions']} refused: {row['repair_why']}"
     if row.get("repair_deg") is None:
         return "nothing"
     return ", ".join(f"{v:.1f}" for v in row["repair_deg"])

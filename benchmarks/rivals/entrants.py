@@ -25,6 +25,7 @@ class Entrant(NamedTuple):
     kinds: tuple[str, ...] = ()  # of tasks that it gets; (): any
     environment: str = "field"  # heading in requirements-rivals.lock
     clone: tuple[str, ...] = ()  # folders of a user's own clones it runs from; (): from PyPI
+    compiles: bool = False  # before its first motion, once on a machine, for minutes
 
 
 ENTRANTS = (
@@ -93,14 +94,22 @@ ENTRANTS = (
         "its example for many targets, on a processor; no speed limits, collisions off",
         {}, protocols=(2,), environment="jax", clone=("pyroki/src", "jaxls/src"),
     ),
+    Entrant(
+        "gmr", "GMR", "by_gmr", ("mink", "mujoco", "daqp", "scipy"), {},
+        "smplx to unitree_g1, its own G1 and tables, of a person who stands; joint limits, no "
+        "speed limits, no collisions", {}, protocols=(2,), robots=("g1",), clone=("GMR",),
+    ),
+    Entrant(
+        "soma", "soma-retargeter (eden)", "by_soma", ("eden-soma-retargeter",), {},
+        "its own G1 and tables, of a person who stands, on a processor; no speed limits, no "
+        "collisions; 30 frames of each clip", {}, protocols=(2,), most=30, robots=("g1",),
+        kinds=("cmu", "deepmimic", "own"), environment="soma", clone=("newton-assets",),
+        compiles=True,
+    ),
 )  # fmt: skip
 
 # Named, not run.
 NOT_RUN = {
-    "GMR": "follows a whole body's rotations from BVH or SMPL-X with its own tables, not points; "
-    "it has no adapter here yet",
-    "soma-retargeter": "reads its own SOMA skeleton alone and wants a GPU; it has no adapter here "
-    "yet",
     "cuRobo": "needs CUDA",
     "hhtools (Roboparty)": "its retargeting needs CUDA 12",
     "HoloRetarget (HoloMotion)": "needs CUDA",

@@ -40,7 +40,7 @@ from s3le.store import documents
 WORK, REPORTS = Path("data/rivals"), Path("reports")
 FRAMES, QUICK_FRAMES = 240, 45  # of a clip
 PATIENCE = 120.0  # [s] for one motion of one entrant, after which it counts as never made
-COMPILES = 900.0  # [s] for ours, whose kernels may have to be compiled
+COMPILES = 900.0  # [s] where kernels may have to be compiled
 TRIES, STALLED = 4, "no motion within"  # processes for the motions of an entrant
 THIRD = ("jvrc", "talos", "romeo", "coman_authors")  # of --all: the first that is here
 
@@ -250,7 +250,7 @@ def _process(
     script = HERE / ("ours.py" if ours else "worker.py")
     single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     path = {"PYTHONPATH": str(HERE.parents[1])} if ours else {"PYTHONPATH": ""}
-    patience = max(patience, COMPILES) if ours else patience
+    patience = max(patience, COMPILES) if ours or first.entrant.compiles else patience
     with tempfile.TemporaryFile("w+") as words:
         process = subprocess.Popen(
             [str(python), str(script), str(where)], stdout=subprocess.DEVNULL, stderr=words,

@@ -40,6 +40,10 @@ BETWEEN_HULLS = 1  # poses between two frames at which hulls of meshes are measu
 LONGEST_LAG = 10  # frames
 OVER = 1e-6  # share by which a limit may be exceeded: of floats and of a solver's tolerance
 FAR, MOVED = 10.0, 0.05  # [deg]
+REFUSED = {  # words of the guard -> what is told
+    "turns at": "a joint would turn too fast", "changes speed by": "a joint would turn too hard",
+    "no way to rest": "no way to rest is proven", "no motion was found": "no motion was found",
+}  # fmt: skip
 
 
 class Court:
@@ -218,14 +222,19 @@ class Court:
 
     def _repaired(self, name: str, made: dict[str, np.ndarray]) -> dict[str, Any]:
         """What the guard's file door makes of it, and how far that is."""
-        q, robot = made["q"], self.robot
-        raw = Numbers(tuple(q.T.copy()), (False,) * q.shape[1], q, robot.lower, robot.upper)
-        time = np.arange(len(q)) / RATE
-        episode = Episode(name, time, q, [], raw, v=made.get("v"))
+        q, n = made["q"], made["q"].shape[1]
+        v, free = made.get("v"), np.full(n, np.inf)
+        told = np.full(q.shape, np.nan) if v is None else v
+        # As a file that has a place for joints' speeds: without one fewer motions can be written.
+        episode = Episode(
+            name, np.arange(len(q)) / RATE, q, [],
+            Numbers(tuple(q.T.copy()), (False,) * n, q, self.robot.lower, self.robot.upper),
+            v=v, pace=Numbers(tuple(told.T.copy()), (False,) * n, told, -free, free),
+        )  # fmt: skip
         try:
             mended = self.guard.nearest(episode)
-        except CertificateError:
-            return {"repair_refused": 1}
+        except CertificateError as error:
+            return {"repair_refused": 1, "repair_why": _kind(str(error).partition(": ")[2])}
         off = np.degrees(np.abs(mended.q - q)).max(axis=1)
         return {
             "repair_refused": 0,
@@ -233,6 +242,11 @@ class Court:
             "repair_moved": int((off > MOVED).sum()),
             "repair_off": [round(float(v), 3) for v in off],
         }
+
+
+def _kind(why: str) -> str:
+    """What kind of refusal it is; one that is of no known kind is told as it is."""
+    return next((kind for part, kind in REFUSED.items() if part in why), why)
 
 
 def _rows(made: dict, at: np.ndarray, t: np.ndarray, i: int) -> list[Row]:

@@ -2,7 +2,8 @@
 
 It is called as `python worker.py JOB.json`. The job names a robot, an entrant's module in solvers/,
 its settings, and pairs of a task and the file its motion goes to. Each motion is written as soon as
-it is done; one that stands is not made again. Nothing of this project but plain.py is read here.
+it is done; one that stands is not made again. Of this project it reads what wants numpy alone:
+motions.py, plain.py, person.py.
 """
 
 import importlib
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+import motions
 import plain
 
 SAID = 120  # letters of an error that are kept
@@ -23,23 +25,18 @@ SAID = 120  # letters of an error that are kept
 
 def main(job: dict[str, Any]) -> None:
     """Make the motions of a job."""
-    if job.get("core") is not None:
-        os.sched_setaffinity(0, {job["core"]})
+    motions.pin(job)
     sys.path[:0] = job["clones"]
     robot, dt = plain.load(Path(job["robot"])), float(job["dt"])
     maker = importlib.import_module(f"solvers.{job['module']}")
     told = maker.about()
     first = None
-    for task, out in job["motions"]:
-        if Path(out).is_file():
-            continue
-        with np.load(task) as given:
-            x, start = given["x"][: job.get("most") or None], given["start"]
+    for x, start, out in motions.asked(job):
         if hasattr(maker, "whole"):
             q, seconds, failed = maker.whole(robot, dt, dict(job["settings"]), x, start)
             first = time.time() - float(job["asked"]) if first is None else first
             about = {"about": told, "first": first, "made": 0.0, "said": ""}
-            write(Path(out), q, seconds, failed, about)
+            write(out, q, seconds, failed, about)
             continue
         goals = robot.goals(x)
         began = time.perf_counter()
@@ -62,7 +59,7 @@ def main(job: dict[str, Any]) -> None:
             if first is None:
                 first = time.time() - float(job["asked"])
         about = {"about": told, "first": first, "made": made, "said": said}
-        write(Path(out), np.array(rows), np.array(seconds), np.array(failed), about)
+        write(out, np.array(rows), np.array(seconds), np.array(failed), about)
 
 
 def write(out: Path, q: np.ndarray, seconds: np.ndarray, failed: np.ndarray, about: dict) -> None:
