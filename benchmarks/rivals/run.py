@@ -42,7 +42,7 @@ FRAMES, QUICK_FRAMES = 240, 45  # of a clip
 PATIENCE = 120.0  # [s] for one motion of one entrant, after which it counts as never made
 COMPILES = 900.0  # [s] where kernels may have to be compiled
 TRIES, STALLED = 4, "no motion within"  # processes for the motions of an entrant
-THIRD = ("jvrc", "talos", "romeo", "coman_authors")  # of --all: the first that is here
+THIRD = "jvrc1"  # of --all
 
 
 class Job(NamedTuple):
@@ -80,19 +80,21 @@ def main(
     most = frames or (QUICK_FRAMES if quick else 0 if everything else FRAMES)
     which = [int(p) for p in protocols.split(",")] if protocols else [1] if quick else [1, 2]
     names = robots.split(",")[: 1 if quick else None]
-    if everything:
-        names += [name for name in THIRD if name not in names and known(name)][:1]
-    found = []
+    if everything and THIRD not in names:
+        names.append(THIRD)
+    found, shown = [], set()
     for name in names:
         every = {p: given(name, p, quick, most, cmu, demo, lafan, clip) for p in which}
+        shown |= {task.name for listed in every.values() for task in listed}
         todo = jobs(who, name, every, work, clones)
         make(todo, name, work, workers, clones)
         found += judged(todo, name, work, workers)
     if not found:
         raise SystemExit("not one motion was made; see what is said above, and: make rivals")
-    record = sums.record(
-        found, about(who, clones, names, most, which, quick, cmu, bool(clip)), sizes(who)
-    )
+    asked = [] if quick or clip else [*tasks.TEST, *(path.stem for path in recordings(lafan))]
+    absent = [name for name in asked if name not in shown]
+    told = about(who, clones, names, most, which, quick, absent)
+    record = sums.record(found, told, sizes(who))
     if data_set and not quick and not clip:
         record["data_set"] = throughput.table(who, names[0], cmu, demo, work, workers)
     documents.write_json(record, reports / "rivals.json")
@@ -102,13 +104,16 @@ def main(
     typer.echo(book.text(record))
 
 
-def known(name: str) -> bool:
-    """Whether a robot of that name is here."""
-    try:
-        Robot.load(name)
-    except Exception:  # noqa: BLE001  whatever is wrong with it, it does not take part
-        return False
-    return True
+def recordings(lafan: Path | None) -> list[Path]:
+    """LAFAN1's files in a folder.
+
+    Raises:
+        SystemExit: there is none.
+    """
+    found = sorted(lafan.glob("*.bvh")) if lafan else []
+    if lafan and not found:
+        raise SystemExit(f"no .bvh is in {lafan}: --lafan FOLDER")
+    return found
 
 
 def given(
@@ -131,8 +136,8 @@ def given(
         typer.echo(f"no clip of CMU is in {cmu}, so they are left out: --cmu FOLDER")
     every = tasks.clips(its, found, "cmu", most, protocol)
     every += tasks.clips(its, shown[:1] if quick else shown, "deepmimic", most, protocol)
-    if lafan and not quick:
-        every += tasks.clips(its, sorted(lafan.glob("*.bvh")), "lafan", most, protocol)
+    if not quick:
+        every += tasks.clips(its, recordings(lafan), "lafan", most, protocol)
     return every + tasks.adversarial(its, 1 if quick else tasks.STREAMS, protocol)
 
 
@@ -327,11 +332,9 @@ def about(
     most: int,
     which: list[int],
     quick: bool,
-    cmu: Path,
-    own: bool,
+    absent: list[str],
 ) -> dict[str, Any]:
     """What was run, and what was not and why."""
-    here = {path.name.split(".")[0] for path in tasks.cmu(cmu, tasks.TEST)}
     known = [Robot.load(name).name for name in names]
     reasons = {
         one.label: why for one in entrants.ENTRANTS if (why := missing(one, clones)) is not None
@@ -342,7 +345,7 @@ def about(
                      for name in known} if 1 in one.protocols else {}, "documented": one.readme,
                      "says": one.readme_says} for one in who},
         "not_run": reasons | entrants.NOT_RUN,
-        "absent": [] if quick or own else [name for name in tasks.TEST if name not in here],
+        "absent": absent,
     }  # fmt: skip
 
 
