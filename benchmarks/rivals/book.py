@@ -173,7 +173,20 @@ def page(record: Row) -> str:
     return environment.get_template("page.html.j2").render(
         parts=parts, about=record["about"], data_set=record.get("data_set"), twins=twins,
         changes=changes.paragraph(record), losses=changes.losses(record), checks=_checks(record),
+        costs=_costs(record),
     )  # fmt: skip
+
+
+def _costs(record: Row) -> list[str]:
+    """What limits of acceleration do to rivals that can be asked for them."""
+    words = (("angle", "°", "angle"), ("hard", " %", "too hard"), ("broken", " %", "broken"),
+             ("unsolved", " %", "without a solution"))  # fmt: skip
+    return [
+        f"{label} on {robot}: "
+        + ", ".join(f"{name} {a[key]:.1f} to {b[key]:.1f}{unit}" for key, unit, name in words)
+        for label, robots in record["about"].get("accelerations", {}).items()
+        for robot, (a, b) in robots.items()
+    ]
 
 
 def _checks(record: Row) -> dict[str, int]:

@@ -25,6 +25,7 @@ class Entrant(NamedTuple):
     kinds: tuple[str, ...] = ()  # of tasks that it gets; (): any
     environment: str = "field"  # heading in requirements-rivals.lock
     clone: tuple[str, ...] = ()  # folders of a user's own clones it runs from; (): from PyPI
+    accelerations: bool = False  # it can be asked for limits of them
     compiles: bool = False  # before its first motion, once on a machine, for minutes
 
 
@@ -47,13 +48,13 @@ ENTRANTS = (
         {"solves": 1, "closest": 0, "posture": 1e-3, "damping": 0.0},
         "frame tasks and a posture task, joint and speed limits, one program a frame; the "
         "self-collision barrier is opt-in",
-        {"solves": (1, 4), "gain": (5.0, 20.0), "closest": (10, 20)},
+        {"solves": (1, 4), "gain": (5.0, 20.0), "closest": (10, 20)}, accelerations=True,
     ),
     Entrant(
         "embodik", "EmbodiK", "by_embodik", ("embodik",),
         {"steps": 1, "rows": 1, "margin": 0.05, "share": 0.0333, "tuning": "BALANCED"},
         "position steps of gain 1 per second, joint and speed limits, one collision row at 50 mm",
-        {"steps": (1, 4, 10), "share": (0.5, 1.0), "rows": (5, 10)},
+        {"steps": (1, 4, 10), "share": (0.5, 1.0), "rows": (5, 10)}, accelerations=True,
     ),
     Entrant(
         "placo", "placo", "by_placo", ("placo",),
@@ -67,7 +68,7 @@ ENTRANTS = (
         {"solves": 1, "closest": 0, "damping": 0.0},
         "frame tasks, joint and speed limits, one program a frame; barriers are opt-in",
         {"solves": (1, 4), "closest": (0, 1, 20), "gain": (1.0, 5.0)},
-        environment="roboplan",
+        environment="roboplan", accelerations=True,
     ),
     Entrant(
         "xr_teleoperate", "xr_teleoperate, rebuilt", "by_wrists", ("casadi",), {"clip": 20.0},
@@ -132,6 +133,12 @@ def by_key(keys: str) -> list[Entrant]:
         if key not in known:
             raise SystemExit(f"no entrant is called {key!r}; known are {', '.join(known)}")
     return [known[key] for key in keys.split(",")]
+
+
+def accelerations() -> dict[str, Any]:
+    """Label -> robot -> what sweep.py saw without and with limits of accelerations."""
+    known = json.loads(CHOSEN.read_text(encoding="utf-8")).get("accelerations", {})
+    return {one.label: known[one.key] for one in ENTRANTS if one.key in known}
 
 
 def settings(entrant: Entrant, protocol: int, robot: str) -> dict[str, Any]:

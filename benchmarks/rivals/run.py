@@ -345,7 +345,7 @@ def about(
                      for name in known} if 1 in one.protocols else {}, "documented": one.readme,
                      "says": one.readme_says} for one in who},
         "not_run": reasons | entrants.NOT_RUN,
-        "absent": absent,
+        "absent": absent, "accelerations": entrants.accelerations(),
     }  # fmt: skip
 
 
