@@ -65,6 +65,7 @@ TABLES: dict[str, tuple[tuple[str, Callable[[Row], str]], ...]] = {
         ("upper arms", figure("upper arms")), ("forearms", figure("forearms")),
         ("trunk over 10° off", _share("trunk_off")), ("cosine distance", figure("far", 4)),
         ("lag [ms]", figure("lag_ms", 0)),
+        ("its base leans by [°]", figure("lean")), ("angle with that [°]", figure("angle_beside")),
     ),
     "What is broken": (
         ("poses broken", _share("poses_broken")), ("paths broken", _share("paths_broken")),

@@ -68,6 +68,9 @@ def row(cases: Sequence[Case]) -> dict[str, Any]:
     if not seen:
         return found
     found["angle"] = spread(seen, lambda s: s["angle"] * s["frames"], _frames)
+    for name in ("angle_beside", "lean"):  # of those whose base floats
+        if all(name in s for s in seen):
+            found[name] = spread(seen, lambda s, n=name: s[n] * s["frames"], _frames)
     found["far"] = spread(seen, lambda s: s["far"] * s["frames"], _frames)
     found["angle_p95"] = float(np.mean([s["angle_p95"] for s in seen]))
     frames = found["frames"]

@@ -33,16 +33,17 @@ def main(job: dict[str, Any]) -> None:
     first = None
     for x, start, out in motions.asked(job):
         if hasattr(maker, "whole"):
-            q, seconds, failed = maker.whole(robot, dt, dict(job["settings"]), x, start)
+            q, seconds, failed, base = maker.whole(robot, dt, dict(job["settings"]), x, start)
             first = time.time() - float(job["asked"]) if first is None else first
             about = {"about": told, "first": first, "made": 0.0, "said": ""}
-            write(out, q, seconds, failed, about)
+            write(out, about, q=q, seconds=seconds, failed=failed, base=base)
             continue
         goals = robot.goals(x)
         began = time.perf_counter()
         solve = maker.make(robot, dt, dict(job["settings"]))
         made = time.perf_counter() - began
         q, rows, seconds, failed, said = start.copy(), [], [], [], ""
+        leans, base = hasattr(solve, "base"), []
         for goal in goals:
             began = time.perf_counter()
             try:
@@ -56,18 +57,23 @@ def main(job: dict[str, Any]) -> None:
                 failed.append(True)
             seconds.append(time.perf_counter() - began)
             rows.append(q.copy())
+            if leans:
+                base.append(solve.base())
             if first is None:
                 first = time.time() - float(job["asked"])
         about = {"about": told, "first": first, "made": made, "said": said}
-        write(out, np.array(rows), np.array(seconds), np.array(failed), about)
+        more = {"base": np.array(base)} if leans else {}
+        write(
+            out, about, q=np.array(rows), seconds=np.array(seconds), failed=np.array(failed), **more
+        )
 
 
-def write(out: Path, q: np.ndarray, seconds: np.ndarray, failed: np.ndarray, about: dict) -> None:
+def write(out: Path, about: dict[str, Any], **made: np.ndarray) -> None:
     """Write a motion, whole or not at all."""
     out.parent.mkdir(parents=True, exist_ok=True)
     part = out.with_suffix(f".{os.getpid()}.part")
     with part.open("wb") as stream:
-        np.savez(stream, q=q, seconds=seconds, failed=failed, about=json.dumps(about))
+        np.savez(stream, **made, about=json.dumps(about))
     part.replace(out)
 
 

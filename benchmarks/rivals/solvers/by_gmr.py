@@ -4,7 +4,7 @@ It follows a whole body's places and rotations in SMPL-X's frames with two table
 program a pass and up to eleven passes a table. It is told the person of person.py: trunk and arms
 along the same seven vectors as everybody's, the pelvis upright, the legs straight on the floor. Its
 robot's base floats and its legs follow too; of what it makes, the joints that this benchmark's
-robot has are kept, so a base that leans is a trunk that leans less. It begins each motion with the
+robot has are kept, and how the base is turned is told beside them. It begins each motion with the
 trunk and arms in the pose that the benchmark starts at. No speed limits, no collisions.
 
 Its own module is loaded without its package's first lines, which want a viewer and a window; where
@@ -40,7 +40,9 @@ def about() -> dict[str, str]:
 
 
 def make(robot: Plain, dt: float, settings: dict) -> Callable[[Goal, np.ndarray], np.ndarray]:
-    """What solves a frame."""
+    """What solves a frame, and how the base is turned then."""
+    import mujoco
+
     tool = _module("motion_retarget").GeneralMotionRetargeting(
         src_human="smplx", tgt_robot="unitree_g1", actual_human_height=person.HEIGHT
     )
@@ -53,6 +55,12 @@ def make(robot: Plain, dt: float, settings: dict) -> Callable[[Goal, np.ndarray]
         tool.configuration.update(full)
         return tool.retarget(human(goal.skeleton, turned.step(goal.skeleton)))[at].copy()
 
+    def base() -> np.ndarray:
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, tool.configuration.q[3:7])
+        return turn.reshape(3, 3)
+
+    solve.base = base
     return solve
 
 

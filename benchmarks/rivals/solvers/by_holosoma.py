@@ -29,8 +29,8 @@ def about() -> dict[str, str]:
 
 def whole(
     robot: Plain, dt: float, settings: dict, x: np.ndarray, start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A whole motion: poses (m, n) [rad], seconds (m,), and which frames failed (m,).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A whole motion: poses (m, n) [rad], seconds, failures (m,), turns of the base (m, 3, 3).
 
     Raises:
         ValueError: it gives another number of frames, or has not the robot's joints.
@@ -44,6 +44,7 @@ def whole(
         import mujoco
         from holosoma_retargeting.config_types.retargeting import RetargetingConfig
         from holosoma_retargeting.examples import robot_retarget
+        from scipy.spatial.transform import Rotation
 
         with TemporaryDirectory() as folder, redirect_stdout(sys.stderr):
             places = person.points(x)
@@ -66,4 +67,5 @@ def whole(
         os.chdir(here)
     if len(qpos) != len(x):
         raise ValueError(f"{len(qpos)} frames came of {len(x)}")
-    return qpos[:, at], np.full(len(x), took / len(x)), np.zeros(len(x), bool)
+    base = Rotation.from_quat(qpos[:, 3:7], scalar_first=True).as_matrix()
+    return qpos[:, at], np.full(len(x), took / len(x)), np.zeros(len(x), bool), base

@@ -12,6 +12,8 @@ import sys
 import time
 from contextlib import redirect_stdout
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 import person
@@ -27,7 +29,6 @@ BONES = (
     ("LeftForeArm", "LeftHand"),
 )  # fmt: skip
 FACES = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # y up, facing z -> ours
-STARTS = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # ours -> z up, facing -y
 _tool = None
 
 
@@ -38,8 +39,8 @@ def about() -> dict[str, str]:
 
 def whole(
     robot: Plain, dt: float, settings: dict, x: np.ndarray, start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A whole motion: poses (m, n) [rad], seconds (m,), and which frames failed (m,).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A whole motion: poses (m, n) [rad], seconds, failures (m,), turns of the base (m, 3, 3).
 
     Raises:
         ValueError: it gives another number of frames, or has not the robot's joints.
@@ -47,6 +48,7 @@ def whole(
     """
     global _tool
     import warp as wp
+    from scipy.spatial.transform import Rotation
 
     with redirect_stdout(sys.stderr):
         if _tool is None:
@@ -56,10 +58,7 @@ def whole(
             _tool = MotionRetargeter(
                 body_model="soma", device="cpu", robot_model_path=_model(), target_fps=1.0 / dt
             )
-            # On a processor it keeps views of one array, and all frames were the last one's.
-            last = _tool._ensure_pipeline().joint_limit_clamper
-            clamp = last.apply
-            last.apply = lambda q: wp.clone(clamp(q))
+            _mend(_tool._ensure_pipeline(), wp)
         turns, hips, names = _followed(x)
         began = time.perf_counter()
         made = _tool.retarget_soma(turns, hips, source_fps=1.0 / dt, joint_names=names)
@@ -67,7 +66,25 @@ def whole(
     q = made["dof_pos"][:, [made["joint_names"].index(name) for name in robot.names]]
     if len(q) != len(x):
         raise ValueError(f"{len(q)} frames came of {len(x)}")
-    return q.astype(float), np.full(len(x), took / len(x)), np.zeros(len(x), bool)
+    base = Rotation.from_quat(made["root_quat"], scalar_first=True).as_matrix()
+    return q.astype(float), np.full(len(x), took / len(x)), np.zeros(len(x), bool), base
+
+
+def _mend(pipeline: Any, wp: ModuleType) -> None:
+    """Undo two things that differ on a processor, where arrays are shared or copied otherwise.
+
+    It keeps views of one array, so that all frames would be the last one's; and the feet are
+    solved about the pelvis as it stood at first, so that it would be put back there.
+    """
+    last, feet = pipeline.joint_limit_clamper, pipeline.feet_stabilizer
+    clamp, setup = last.apply, feet.setup_num_envs
+
+    def shared(count: int) -> None:
+        setup(count)
+        feet.joint_q = feet.model.joint_q.reshape(feet.joint_q.shape)
+
+    last.apply = lambda q: wp.clone(clamp(q))
+    feet.setup_num_envs = shared
 
 
 def _model() -> str:
@@ -123,8 +140,8 @@ def _followed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
             stays = np.eye(3) if up < 0 or _stands(name) else full[up]  # a finger goes with a hand
             full.append(moved.get(name, stays))
             here = full[j] @ rest[j]
-            row[j] = STARTS @ here if up <= 0 else (full[up] @ rest[up]).T @ here
-    return found[:, 1:], np.tile(STARTS @ place["Hips"], (len(x), 1)), names[1:]
+            row[j] = here if up <= 0 else (full[up] @ rest[up]).T @ here
+    return found[:, 1:], np.tile(place["Hips"], (len(x), 1)), names[1:]
 
 
 def _stands(name: str) -> bool:
