@@ -41,7 +41,8 @@ WORK, REPORTS = Path("data/rivals"), Path("reports")
 FRAMES, QUICK_FRAMES = 240, 45  # of a clip
 PATIENCE = 120.0  # [s] for one motion of one entrant, after which it counts as never made
 COMPILES = 900.0  # [s] where kernels may have to be compiled
-TRIES, STALLED = 4, "no motion within"  # processes for the motions of an entrant
+TRIES, STALLED = 12, "no motion within"  # processes for the motions of an entrant
+SOONER = 4.0  # by so much is the patience less with one that has stalled
 THIRD = "jvrc1"  # of --all
 
 
@@ -224,7 +225,8 @@ def perform(
     """
     told, left = "", listed
     for _ in range(TRIES):
-        told = _process(left, name, folder, files, core, clones, patience) or told
+        less = SOONER if told.startswith(STALLED) else 1.0
+        told = _process(left, name, folder, files, core, clones, patience / less) or told
         waiting = [job for job in left if not job.out.is_file()]
         if not waiting or (len(waiting) == len(left) and told and not told.startswith(STALLED)):
             break  # all is made, or it does not even begin

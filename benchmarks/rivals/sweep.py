@@ -8,7 +8,7 @@ to a user of the benchmark: the mean angle of a bone to the human on clips [deg]
 for each percent of poses or paths that collide, and of frames without a solution or with a joint
 over its speed. Times do not count: a rival may be as slow as it likes. One setting is chosen for
 each robot; all numbers are recorded beside it. With --accelerations the chosen settings are tried
-without and with limits of accelerations, by those who can be asked for them, and nothing is chosen.
+without and with limits of accelerations, by those who can be asked for them; the better is chosen.
 """
 
 import itertools
@@ -64,17 +64,18 @@ def main(
             robot = Robot.load(name).name
             if accelerations:
                 own = entrants.settings(one, 1, robot)
+                own.pop("accelerations", None)
                 given = [own, own | {"accelerations": True}]
-                rows = swept(one, name, given, frames, cmu, workers, work)
+                rows = told = swept(one, name, given, frames, cmu, workers, work)
                 costs.setdefault(one.key, {})[robot] = rows
-                told = rows
             else:
                 names, values = list(one.sweep), itertools.product(*one.sweep.values())
                 given = [dict(zip(names, each, strict=True)) for each in values]
                 rows = swept(one, name, given, frames, cmu, workers, work)
                 told = [min(rows, key=lambda row: row["worth"])]
-                chosen.setdefault(one.key, {})[robot] = told[0]["settings"]
                 tried.setdefault(one.key, {})[robot] = rows
+            best = min(rows, key=lambda row: row["worth"])
+            chosen.setdefault(one.key, {})[robot] = best["settings"]
             documents.write_json(
                 {
                     "clips": list(tasks.TRAINING), "frames": frames, "adversarial": HARD,
