@@ -103,9 +103,9 @@ ENTRANTS = (
     Entrant(
         "soma", "soma-retargeter (eden)", "by_soma", ("eden-soma-retargeter",), {},
         "its own G1 and tables, of a person who stands, on a processor; no speed limits, no "
-        "collisions; 30 frames of each clip, and the 15 that it puts before them count", {}, protocols=(2,), most=30, robots=("g1",),
-        kinds=("cmu", "deepmimic", "lafan", "own"), environment="soma", clone=("newton-assets",),
-        compiles=True,
+        "collisions; 30 frames of each clip, and the 15 that it puts before them count", {},
+        protocols=(2,), most=30, robots=("g1",), kinds=("cmu", "deepmimic", "lafan", "own"),
+        environment="soma", clone=("newton-assets",), compiles=True,
     ),
 )  # fmt: skip
 
