@@ -13,7 +13,7 @@ SHARED = ROOT.parent / "shared/mocap"
 NAMES = (
     "plain", "person", "motions", "meshes", "tasks", "entrants", "kept", "install", "verdict",
     "sums", "changes", "book", "throughput", "run", "sweep", "engines", "continuous", "judging",
-    "streams",
+    "streams", "solvers",
 )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -108,7 +109,7 @@ def test_tools_for_whole_bodies_follow_a_person(rooms, tmp_path, key):
     assert said["angle"] < 8.0  # [deg]; a wrong frame of one joint makes tens of degrees
     assert np.ptp(first["q"], axis=0).max() > np.radians(5.0)
     assert (first["q"] == again["q"]).all()
-    assert json.loads(str(first["about"]))["about"]
+    assert one.clone[0] in json.loads(str(first["about"]))["about"]  # its commit is told
 
 
 # --- limits of acceleration
@@ -223,3 +224,16 @@ def test_a_clone_is_known_by_its_code_and_its_settings(rooms, tmp_path):
     assert rooms.kept.clone([tmp_path]) == before
     (tmp_path / "a.json").write_text("{ }")
     assert rooms.kept.clone([tmp_path]) != before
+
+
+def test_the_commit_of_a_clone_is_told(rooms, tmp_path):
+    clone, copy = tmp_path / "tool", tmp_path / "copy"
+    (clone / "src").mkdir(parents=True)
+    copy.mkdir()
+    git = ["git", "-C", str(clone), "-c", "user.name=a", "-c", "user.email=a@b"]
+    subprocess.run([*git, "init", "-q"], check=True)
+    subprocess.run([*git, "commit", "-q", "--allow-empty", "-m", "first"], check=True)
+    told = subprocess.run([*git, "rev-parse", "HEAD"], check=True, capture_output=True, text=True)
+    found = rooms.solvers.commits([str(clone / "src"), str(copy)])
+    assert set(found) == {"tool"} and told.stdout.startswith(found["tool"])
+    assert len(found["tool"]) >= 7

@@ -19,6 +19,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import motions
 import plain
+import solvers
 
 SAID = 120  # letters of an error that are kept
 
@@ -29,7 +30,7 @@ def main(job: dict[str, Any]) -> None:
     sys.path[:0] = job["clones"]
     robot, dt = plain.load(Path(job["robot"])), float(job["dt"])
     maker = importlib.import_module(f"solvers.{job['module']}")
-    told = maker.about()
+    told = maker.about() | solvers.commits(job["clones"])
     first = None
     for x, start, out in motions.asked(job):
         if hasattr(maker, "whole"):
