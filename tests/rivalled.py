@@ -11,8 +11,9 @@ from worlds import coman
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared/mocap"
 NAMES = (
-    "plain", "meshes", "tasks", "entrants", "kept", "install", "verdict", "sums", "changes", "book",
-    "throughput", "run", "sweep", "engines", "continuous", "judging", "streams",
+    "plain", "person", "motions", "meshes", "tasks", "entrants", "kept", "install", "verdict",
+    "sums", "changes", "book", "throughput", "run", "sweep", "engines", "continuous", "judging",
+    "streams", "solvers",
 )  # fmt: skip
 
 

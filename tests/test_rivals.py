@@ -159,8 +159,8 @@ def test_an_entrant_that_is_not_there_is_told_and_left_out(rooms, monkeypatch, t
     assert "not set up: make rivals" in rooms.run.missing(one, None)
     assert "no clone" in rooms.run.missing(rooms.entrants.by_key("sew")[0], tmp_path)
     assert rooms.run.missing(rooms.entrants.by_key("file")[0], None) is None
-    with pytest.raises(SystemExit, match="no entrant is called 'gmr'"):
-        rooms.entrants.by_key("gmr")
+    with pytest.raises(SystemExit, match="no entrant is called 'curobo'"):
+        rooms.entrants.by_key("curobo")
 
 
 def test_what_is_installed_for_ours_is_what_the_project_requires(rooms):

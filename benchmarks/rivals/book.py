@@ -41,7 +41,7 @@ def _share(key: str) -> Callable[[Row], str]:
 
 def _degrees(row: Row) -> str:
     if row.get("repair_refused"):
-        return f"{row['repair_refused']} of {row['motions']} refused"
+        return f"{row['repair_refused']} of {row['motions']} refused: {row['repair_why']}"
     if row.get("repair_deg") is None:
         return "nothing"
     return ", ".join(f"{v:.1f}" for v in row["repair_deg"])
@@ -65,6 +65,7 @@ TABLES: dict[str, tuple[tuple[str, Callable[[Row], str]], ...]] = {
         ("upper arms", figure("upper arms")), ("forearms", figure("forearms")),
         ("trunk over 10° off", _share("trunk_off")), ("cosine distance", figure("far", 4)),
         ("lag [ms]", figure("lag_ms", 0)),
+        ("its base leans by [°]", figure("lean")), ("angle with that [°]", figure("angle_beside")),
     ),
     "What is broken": (
         ("poses broken", _share("poses_broken")), ("paths broken", _share("paths_broken")),
@@ -173,7 +174,20 @@ def page(record: Row) -> str:
     return environment.get_template("page.html.j2").render(
         parts=parts, about=record["about"], data_set=record.get("data_set"), twins=twins,
         changes=changes.paragraph(record), losses=changes.losses(record), checks=_checks(record),
+        costs=_costs(record),
     )  # fmt: skip
+
+
+def _costs(record: Row) -> list[str]:
+    """What limits of acceleration do to rivals that can be asked for them."""
+    words = (("angle", "°", "angle"), ("hard", " %", "too hard"), ("broken", " %", "broken"),
+             ("unsolved", " %", "without a solution"))  # fmt: skip
+    return [
+        f"{label} on {robot}: "
+        + ", ".join(f"{name} {a[key]:.1f} to {b[key]:.1f}{unit}" for key, unit, name in words)
+        for label, robots in record["about"].get("accelerations", {}).items()
+        for robot, (a, b) in robots.items()
+    ]
 
 
 def _checks(record: Row) -> dict[str, int]:

@@ -84,6 +84,19 @@ def paragraph(record: Row) -> str:
             + (f"without one broken pose or path: {', '.join(clean)}." if clean else
                "no rival is without a broken pose or path.")
         )  # fmt: skip
+        documented = [
+            r
+            for r in record["rows"]
+            if r["robot"] == robot and r["protocol"] == 2 and not r["adversarial"]
+            and r["motions"] and r["key"] not in ("file", "stream")
+        ]  # fmt: skip
+        if documented:
+            near = min(documented, key=lambda r: number(r, "angle") or 0.0)
+            said.append(
+                f"Of the tools as documented the nearest on {robot} is {near['label']} with "
+                f"{number(near, 'angle'):.1f}°, {100 * (number(near, 'paths_broken') or 0.0):.0f} "
+                "% of its paths broken."
+            )
     return (
         " ".join(said)
         + " Who asks for no proof can compare the angle and the time alone, and the order is then "

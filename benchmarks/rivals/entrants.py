@@ -25,6 +25,8 @@ class Entrant(NamedTuple):
     kinds: tuple[str, ...] = ()  # of tasks that it gets; (): any
     environment: str = "field"  # heading in requirements-rivals.lock
     clone: tuple[str, ...] = ()  # folders of a user's own clones it runs from; (): from PyPI
+    accelerations: bool = False  # it can be asked for limits of them
+    compiles: bool = False  # before its first motion, once on a machine, for minutes
 
 
 ENTRANTS = (
@@ -46,13 +48,13 @@ ENTRANTS = (
         {"solves": 1, "closest": 0, "posture": 1e-3, "damping": 0.0},
         "frame tasks and a posture task, joint and speed limits, one program a frame; the "
         "self-collision barrier is opt-in",
-        {"solves": (1, 4), "gain": (5.0, 20.0), "closest": (10, 20)},
+        {"solves": (1, 4), "gain": (5.0, 20.0), "closest": (10, 20)}, accelerations=True,
     ),
     Entrant(
         "embodik", "EmbodiK", "by_embodik", ("embodik",),
         {"steps": 1, "rows": 1, "margin": 0.05, "share": 0.0333, "tuning": "BALANCED"},
         "position steps of gain 1 per second, joint and speed limits, one collision row at 50 mm",
-        {"steps": (1, 4, 10), "share": (0.5, 1.0), "rows": (5, 10)},
+        {"steps": (1, 4, 10), "share": (0.5, 1.0), "rows": (5, 10)}, accelerations=True,
     ),
     Entrant(
         "placo", "placo", "by_placo", ("placo",),
@@ -66,7 +68,7 @@ ENTRANTS = (
         {"solves": 1, "closest": 0, "damping": 0.0},
         "frame tasks, joint and speed limits, one program a frame; barriers are opt-in",
         {"solves": (1, 4), "closest": (0, 1, 20), "gain": (1.0, 5.0)},
-        environment="roboplan",
+        environment="roboplan", accelerations=True,
     ),
     Entrant(
         "xr_teleoperate", "xr_teleoperate, rebuilt", "by_wrists", ("casadi",), {"clip": 20.0},
@@ -93,14 +95,22 @@ ENTRANTS = (
         "its example for many targets, on a processor; no speed limits, collisions off",
         {}, protocols=(2,), environment="jax", clone=("pyroki/src", "jaxls/src"),
     ),
+    Entrant(
+        "gmr", "GMR", "by_gmr", ("mink", "mujoco", "daqp", "scipy"), {},
+        "smplx to unitree_g1, its own G1 and tables, of a person who stands; joint limits, no "
+        "speed limits, no collisions", {}, protocols=(2,), robots=("g1",), clone=("GMR",),
+    ),
+    Entrant(
+        "soma", "soma-retargeter (eden)", "by_soma", ("eden-soma-retargeter",), {},
+        "its own G1 and tables, of a person who stands, on a processor; no speed limits, no "
+        "collisions; 30 frames of each clip, and the 15 that it puts before them count", {},
+        protocols=(2,), most=30, robots=("g1",), kinds=("cmu", "deepmimic", "lafan", "own"),
+        environment="soma", clone=("newton-assets",), compiles=True,
+    ),
 )  # fmt: skip
 
 # Named, not run.
 NOT_RUN = {
-    "GMR": "follows a whole body's rotations from BVH or SMPL-X with its own tables, not points; "
-    "it has no adapter here yet",
-    "soma-retargeter": "reads its own SOMA skeleton alone and wants a GPU; it has no adapter here "
-    "yet",
     "cuRobo": "needs CUDA",
     "hhtools (Roboparty)": "its retargeting needs CUDA 12",
     "HoloRetarget (HoloMotion)": "needs CUDA",
@@ -123,6 +133,12 @@ def by_key(keys: str) -> list[Entrant]:
         if key not in known:
             raise SystemExit(f"no entrant is called {key!r}; known are {', '.join(known)}")
     return [known[key] for key in keys.split(",")]
+
+
+def accelerations() -> dict[str, Any]:
+    """Label -> robot -> what sweep.py saw without and with limits of accelerations."""
+    known = json.loads(CHOSEN.read_text(encoding="utf-8")).get("accelerations", {})
+    return {one.label: known[one.key] for one in ENTRANTS if one.key in known}
 
 
 def settings(entrant: Entrant, protocol: int, robot: str) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import install
 from entrants import HERE, Entrant
 from tasks import Task
 
@@ -20,7 +21,11 @@ from s3le.tuples.engine.key import closure
 JUDGES = ("judging.py", "engines.py", "continuous.py")
 OWN = ("s3le.retarget.stream", "s3le.retarget.follow", "s3le.retarget.stored")
 JUDGED = ("s3le.safety.paths", "s3le.guard.clean", "s3le.robot.hulls", "s3le.kernels.batch")
-LOCK = HERE.parents[1] / "requirements-rivals.lock"
+MORE = {  # what else a module in solvers/ reads
+    "by_hands": ("solvers/by_pink.py",), "by_holosoma": ("person.py",), "by_gmr": ("person.py",),
+    "by_soma": ("person.py",),
+}  # fmt: skip
+READ = (".py", ".json", ".xml")  # of a clone
 
 
 def motion(
@@ -28,7 +33,8 @@ def motion(
 ) -> str:
     """Key of a motion; turn: 1 for the second time the same is made, which is compared."""
     given = [entrant.key, settings, robot, task.digest, protocol, turn]
-    return _hash([json.dumps(given, sort_keys=True).encode(), _code(entrant.module).encode()])
+    code = _code(entrant.module, entrant.environment)
+    return _hash([json.dumps(given, sort_keys=True).encode(), code.encode()])
 
 
 def verdict(made: Path, task: Task, robot: str, who: list[str]) -> str:
@@ -45,15 +51,16 @@ def verdict(made: Path, task: Task, robot: str, who: list[str]) -> str:
 
 
 @cache
-def _code(module: str) -> str:
-    """Of an entrant."""
+def _code(module: str, environment: str) -> str:
+    """Of an entrant, and what is installed in its environment."""
     if module == "ours":
         own = set().union(*map(closure, OWN))
-        return _hash(path.read_bytes() for path in sorted([*own, HERE / "ours.py"]))
-    files = [HERE / "plain.py", HERE / "worker.py", HERE / "solvers" / f"{module}.py"]
-    if module == "by_hands":
-        files.append(HERE / "solvers" / "by_pink.py")
-    return _hash(path.read_bytes() for path in [*files, LOCK])
+        return _hash(
+            path.read_bytes() for path in sorted([*own, HERE / "ours.py", HERE / "motions.py"])
+        )
+    names = ["plain.py", "worker.py", "motions.py", f"solvers/{module}.py", *MORE.get(module, ())]
+    installed = install.sections(install.LOCK.read_text(encoding="utf-8")).get(environment, "")
+    return _hash([*((HERE / name).read_bytes() for name in names), installed.encode()])
 
 
 @cache
@@ -67,8 +74,9 @@ def _judges() -> str:
 
 
 def clone(folders: Iterable[Path]) -> str:
-    """What a user's clones hold of Python."""
-    files = [path for folder in folders for path in sorted(folder.rglob("*.py"))]
+    """What a user's clones hold of code, settings and models."""
+    every = [path for folder in folders for path in sorted(folder.rglob("*"))]
+    files = [path for path in every if path.suffix in READ and path.is_file()]
     return _hash(path.read_bytes() for path in files)
 
 

@@ -5,12 +5,12 @@ first motion, as the imports and models of the others do.
 """
 
 import json
-import os
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
+import motions
 import numpy as np
 from tasks import RATE, save
 
@@ -21,23 +21,18 @@ from s3le.retarget.follow import follow
 
 def main(job: dict[str, Any]) -> None:
     """Make the motions of a job."""
-    if job.get("core") is not None:
-        os.sched_setaffinity(0, {job["core"]})
+    motions.pin(job)
     its = retargeter_for(Robot.load(job["name"]), streams=job["module"] == "stream")
     its.warm_up()
     if job["module"] == "file":
         its.warm_up_plan()
     make = {"file": by_file, "stream": by_stream}[job["module"]]
     first = None
-    for task, out in job["motions"]:
-        if Path(out).is_file():
-            continue
-        with np.load(task) as given:
-            x, start = given["x"][: job.get("most") or None], given["start"]
+    for x, start, out in motions.asked(job):
         made = make(its, x, start if job["protocol"] == 1 else None)
         first = time.time() - float(job["asked"]) if first is None else first
         about = {"about": {"s3le": __version__}, "first": first, "made": 0.0, "said": ""}
-        save(Path(out), **made, failed=np.zeros(len(x), bool), about=np.array(json.dumps(about)))
+        save(out, **made, failed=np.zeros(len(x), bool), about=np.array(json.dumps(about)))
 
 
 def by_file(its: Retargeter, x: np.ndarray, start: np.ndarray | None) -> dict[str, np.ndarray]:

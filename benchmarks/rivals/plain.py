@@ -56,6 +56,7 @@ class Goal(NamedTuple):
 
     points: np.ndarray  # [m], (6, 3), where POINTS are to be
     turns: np.ndarray  # (2, 3, 3), how the frames of the right and left hand are to be turned
+    skeleton: np.ndarray  # (21,), the human's seven unit vectors: x forward, y left, z up
 
 
 class Plain(NamedTuple):
@@ -131,7 +132,8 @@ class Plain(NamedTuple):
                 held = turn[self.points[name].joint]
                 turns.append([shortest(own, to) @ held for to in u[:, bone]])
         points = np.stack([found[name] for name in POINTS], axis=1)
-        return [Goal(*one) for one in zip(points, np.swapaxes(np.array(turns), 0, 1), strict=True)]
+        turned = np.swapaxes(np.array(turns), 0, 1)
+        return [Goal(*one) for one in zip(points, turned, x, strict=True)]
 
 
 def about(axis: np.ndarray, angle: float) -> np.ndarray:

@@ -40,9 +40,10 @@ from s3le.store import documents
 WORK, REPORTS = Path("data/rivals"), Path("reports")
 FRAMES, QUICK_FRAMES = 240, 45  # of a clip
 PATIENCE = 120.0  # [s] for one motion of one entrant, after which it counts as never made
-COMPILES = 900.0  # [s] for ours, whose kernels may have to be compiled
-TRIES, STALLED = 4, "no motion within"  # processes for the motions of an entrant
-THIRD = ("jvrc", "talos", "romeo", "coman_authors")  # of --all: the first that is here
+COMPILES = 900.0  # [s] where kernels may have to be compiled
+TRIES, STALLED = 12, "no motion within"  # processes for the motions of an entrant
+SOONER = 4.0  # by so much is the patience less with one that has stalled
+THIRD = "jvrc1"  # of --all
 
 
 class Job(NamedTuple):
@@ -80,19 +81,21 @@ def main(
     most = frames or (QUICK_FRAMES if quick else 0 if everything else FRAMES)
     which = [int(p) for p in protocols.split(",")] if protocols else [1] if quick else [1, 2]
     names = robots.split(",")[: 1 if quick else None]
-    if everything:
-        names += [name for name in THIRD if name not in names and known(name)][:1]
-    found = []
+    if everything and THIRD not in names:
+        names.append(THIRD)
+    found, shown = [], set()
     for name in names:
         every = {p: given(name, p, quick, most, cmu, demo, lafan, clip) for p in which}
+        shown |= {task.name for listed in every.values() for task in listed}
         todo = jobs(who, name, every, work, clones)
         make(todo, name, work, workers, clones)
         found += judged(todo, name, work, workers)
     if not found:
         raise SystemExit("not one motion was made; see what is said above, and: make rivals")
-    record = sums.record(
-        found, about(who, clones, names, most, which, quick, cmu, bool(clip)), sizes(who)
-    )
+    asked = [] if quick or clip else [*tasks.TEST, *(path.stem for path in recordings(lafan))]
+    absent = [name for name in asked if name not in shown]
+    told = about(who, clones, names, most, which, quick, absent)
+    record = sums.record(found, told, sizes(who))
     if data_set and not quick and not clip:
         record["data_set"] = throughput.table(who, names[0], cmu, demo, work, workers)
     documents.write_json(record, reports / "rivals.json")
@@ -102,13 +105,16 @@ def main(
     typer.echo(book.text(record))
 
 
-def known(name: str) -> bool:
-    """Whether a robot of that name is here."""
-    try:
-        Robot.load(name)
-    except Exception:  # noqa: BLE001  whatever is wrong with it, it does not take part
-        return False
-    return True
+def recordings(lafan: Path | None) -> list[Path]:
+    """LAFAN1's files in a folder.
+
+    Raises:
+        SystemExit: there is none.
+    """
+    found = sorted(lafan.glob("*.bvh")) if lafan else []
+    if lafan and not found:
+        raise SystemExit(f"no .bvh is in {lafan}: --lafan FOLDER")
+    return found
 
 
 def given(
@@ -131,8 +137,8 @@ def given(
         typer.echo(f"no clip of CMU is in {cmu}, so they are left out: --cmu FOLDER")
     every = tasks.clips(its, found, "cmu", most, protocol)
     every += tasks.clips(its, shown[:1] if quick else shown, "deepmimic", most, protocol)
-    if lafan and not quick:
-        every += tasks.clips(its, sorted(lafan.glob("*.bvh")), "lafan", most, protocol)
+    if not quick:
+        every += tasks.clips(its, recordings(lafan), "lafan", most, protocol)
     return every + tasks.adversarial(its, 1 if quick else tasks.STREAMS, protocol)
 
 
@@ -219,7 +225,8 @@ def perform(
     """
     told, left = "", listed
     for _ in range(TRIES):
-        told = _process(left, name, folder, files, core, clones, patience) or told
+        less = SOONER if told.startswith(STALLED) else 1.0
+        told = _process(left, name, folder, files, core, clones, patience / less) or told
         waiting = [job for job in left if not job.out.is_file()]
         if not waiting or (len(waiting) == len(left) and told and not told.startswith(STALLED)):
             break  # all is made, or it does not even begin
@@ -250,7 +257,7 @@ def _process(
     script = HERE / ("ours.py" if ours else "worker.py")
     single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     path = {"PYTHONPATH": str(HERE.parents[1])} if ours else {"PYTHONPATH": ""}
-    patience = max(patience, COMPILES) if ours else patience
+    patience = max(patience, COMPILES) if ours or first.entrant.compiles else patience
     with tempfile.TemporaryFile("w+") as words:
         process = subprocess.Popen(
             [str(python), str(script), str(where)], stdout=subprocess.DEVNULL, stderr=words,
@@ -327,11 +334,9 @@ def about(
     most: int,
     which: list[int],
     quick: bool,
-    cmu: Path,
-    own: bool,
+    absent: list[str],
 ) -> dict[str, Any]:
     """What was run, and what was not and why."""
-    here = {path.name.split(".")[0] for path in tasks.cmu(cmu, tasks.TEST)}
     known = [Robot.load(name).name for name in names]
     reasons = {
         one.label: why for one in entrants.ENTRANTS if (why := missing(one, clones)) is not None
@@ -342,7 +347,7 @@ def about(
                      for name in known} if 1 in one.protocols else {}, "documented": one.readme,
                      "says": one.readme_says} for one in who},
         "not_run": reasons | entrants.NOT_RUN,
-        "absent": [] if quick or own else [name for name in tasks.TEST if name not in here],
+        "absent": absent, "accelerations": entrants.accelerations(),
     }  # fmt: skip
 
 

@@ -4,6 +4,7 @@ A share or a mean is over frames, of all clips; its interval is what 95 % of DRA
 clips, with replacement, give. Adversarial streams have rows of their own: nobody can follow them.
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -67,6 +68,9 @@ def row(cases: Sequence[Case]) -> dict[str, Any]:
     if not seen:
         return found
     found["angle"] = spread(seen, lambda s: s["angle"] * s["frames"], _frames)
+    for name in ("angle_beside", "lean"):  # of those whose base floats
+        if all(name in s for s in seen):
+            found[name] = spread(seen, lambda s, n=name: s[n] * s["frames"], _frames)
     found["far"] = spread(seen, lambda s: s["far"] * s["frames"], _frames)
     found["angle_p95"] = float(np.mean([s["angle_p95"] for s in seen]))
     frames = found["frames"]
@@ -99,6 +103,8 @@ def row(cases: Sequence[Case]) -> dict[str, Any]:
     for name in ("poses_denied", "proven_probed", "proven_broken", "hpp_heard", "hpp_refused"):
         found[name] = sum(s[name] for s in seen)
     found["repair_refused"] = sum(s.get("repair_refused", 0) for s in seen)
+    kinds = Counter(s["repair_why"] for s in seen if s.get("repair_refused"))
+    found["repair_why"] = "; ".join(f"{count} x {kind}" for kind, count in kinds.most_common())
     found["repair_left"] = sum(s.get("repair_left", 0) for s in seen)
     off = np.concatenate([s["repair_off"] for s in seen if "repair_off" in s] or [np.empty(0)])
     moved = off[off > 0.05]

@@ -1,13 +1,14 @@
 """Which settings each rival is run with in protocol 1: a sweep, recorded in chosen.json.
 
-    python benchmarks/rivals/sweep.py [--only mink,pink] [--frames 90]
+    python benchmarks/rivals/sweep.py [--only mink,pink] [--frames 90] [--accelerations]
 
 Every combination of what entrants.py lists under `sweep` follows training clips that the benchmark
 does not hold, and adversarial streams of another seed. It is weighed by what its motions are worth
 to a user of the benchmark: the mean angle of a bone to the human on clips [deg], and PRICE degrees
 for each percent of poses or paths that collide, and of frames without a solution or with a joint
 over its speed. Times do not count: a rival may be as slow as it likes. One setting is chosen for
-each robot; all numbers are recorded beside it.
+each robot; all numbers are recorded beside it. With --accelerations the chosen settings are tried
+without and with limits of accelerations, by those who can be asked for them; the better is chosen.
 """
 
 import itertools
@@ -29,6 +30,7 @@ from tqdm import tqdm
 
 from s3le import Robot, retargeter_for
 from s3le.kernels import batch
+from s3le.plan.limits import accelerations as bends
 from s3le.plan.limits import limits, speeds
 from s3le.safety import paths
 from s3le.store import documents
@@ -46,43 +48,53 @@ def main(
     cmu: Annotated[Path, typer.Option(help="folder of CMU's originals")] = tasks.CMU,
     workers: Annotated[int, typer.Option(min=1, help="processes")] = 2,
     work: Annotated[Path, typer.Option(help="where motions are kept")] = run.WORK / "sweep",
+    accelerations: Annotated[bool, typer.Option("--accelerations", help="what they cost")] = False,
 ) -> None:
     """Sweep, and record what is chosen."""
     known = json.loads(CHOSEN.read_text(encoding="utf-8")) if CHOSEN.is_file() else {}
     chosen, tried = known.get("chosen", {}), known.get("tried", {})
+    costs = known.get("accelerations", {})
     for one in entrants.by_key(only):
-        if not one.sweep:
+        if not one.sweep or (accelerations and not one.accelerations):
             continue
         if (why := run.missing(one, None)) is not None:
             typer.echo(f"{one.label}: {why}")
             continue
         for name in robots.split(","):
-            rows = swept(one, name, frames, cmu, workers, work)
-            best = min(rows, key=lambda row: row["worth"])
             robot = Robot.load(name).name
+            if accelerations:
+                own = entrants.settings(one, 1, robot)
+                own.pop("accelerations", None)
+                given = [own, own | {"accelerations": True}]
+                rows = told = swept(one, name, given, frames, cmu, workers, work)
+                costs.setdefault(one.key, {})[robot] = rows
+            else:
+                names, values = list(one.sweep), itertools.product(*one.sweep.values())
+                given = [dict(zip(names, each, strict=True)) for each in values]
+                rows = swept(one, name, given, frames, cmu, workers, work)
+                told = [min(rows, key=lambda row: row["worth"])]
+                tried.setdefault(one.key, {})[robot] = rows
+            best = min(rows, key=lambda row: row["worth"])
             chosen.setdefault(one.key, {})[robot] = best["settings"]
-            tried.setdefault(one.key, {})[robot] = rows
             documents.write_json(
                 {
                     "clips": list(tasks.TRAINING), "frames": frames, "adversarial": HARD,
-                    "price": PRICE, "chosen": chosen, "tried": tried,
+                    "price": PRICE, "chosen": chosen, "tried": tried, "accelerations": costs,
                 },
                 CHOSEN,
             )  # fmt: skip
-            typer.echo(f"{one.label}, {robot}: {best}")
+            for row in told:
+                typer.echo(f"{one.label}, {robot}: {row}")
 
 
 def swept(
-    one: Entrant, name: str, frames: int, cmu: Path, workers: int, work: Path
-) -> list[dict[str, Any]]:
-    """All combinations on one robot, each with its numbers."""
+    one: Entrant, name: str, given: list[dict[str, Any]], frames: int, cmu: Path, workers: int,
+    work: Path,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Settings on one robot, each with its numbers."""
     its = retargeter_for(Robot.load(name))
     listed = tasks.clips(its, tasks.cmu(cmu, tasks.TRAINING), "training", frames, 1)
     hard = tasks.adversarial(its, tasks.STREAMS + HARD, 1)[tasks.STREAMS :]
-    given = [
-        dict(zip(one.sweep, values, strict=True))
-        for values in itertools.product(*one.sweep.values())
-    ]
     every = listed + hard
     folder = work / its.robot.name / "given"
     tasks.write(folder, tasks.plain_of(its.robot), every)
@@ -108,7 +120,7 @@ def tried_one(
         folder = work / robot.name / "given"
         files = {t.digest: folder / "tasks" / f"{t.name}_{t.digest}.npz" for t in every}
         run.perform(missing, name, folder, files, None, None, PATIENCE)
-    sums = {"frames": 0, "broken": 0, "lost": 0}
+    sums = {"frames": 0, "broken": 0, "lost": 0, "hard": 0}
     angles, weights = [], []
     most = limits(robot)
     for job in todo:
@@ -132,6 +144,8 @@ def tried_one(
         time = np.arange(m) / tasks.RATE
         fast = (np.abs(speeds(time, q)) > most.speed * (1.0 + 1e-6)).any(axis=1)
         bad[1:] |= fast
+        bent = np.abs(bends(time, q)) > most.acceleration * (1.0 + 1e-3)
+        sums["hard"] += int(bent.any(axis=1).sum())
         sums["broken"] += int(bad.sum())
         sums["lost"] += int((failed & ~bad).sum())
     angle = float(np.average(angles, weights=weights))
@@ -141,6 +155,7 @@ def tried_one(
         "broken": round(100.0 * sums["broken"] / sums["frames"], 3),
         "unsolved": round(100.0 * sums["lost"] / sums["frames"], 3),
         "worth": round(angle + PRICE * percent, 3),
+        "hard": round(100.0 * sums["hard"] / sums["frames"], 3),
     }  # fmt: skip
 
 

@@ -8,6 +8,7 @@ that is none (the judge's adversarial streams hold such) is for everybody the on
 import hashlib
 import sys
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ import plain
 sys.path.append(str(Path(__file__).resolve().parents[1] / "judge"))
 import streams  # noqa: E402
 
+from s3le.errors import ClipError  # noqa: E402
 from s3le.human import sources  # noqa: E402
 from s3le.human.skeletons import read_frames  # noqa: E402
 from s3le.plan.limits import limits  # noqa: E402
@@ -41,7 +43,7 @@ class Task(NamedTuple):
     """One motion to follow."""
 
     name: str
-    kind: str  # deepmimic, cmu, adversarial, lafan or training
+    kind: str  # deepmimic, cmu, adversarial, lafan, own, made or training
     x: np.ndarray  # (m, 21)
     start: np.ndarray  # [rad], (n,), where the robot stands before the first frame
     digest: str
@@ -84,13 +86,26 @@ def cmu(folder: Path, names: Sequence[str]) -> list[Path]:
 
 
 def clips(its: Retargeter, paths: Sequence[Path], kind: str, most: int, protocol: int) -> list:
-    """Tasks of motion files, of each its first `most` frames (0: all)."""
+    """Tasks of motion files, of each its first `most` frames (0: all).
+
+    A file that cannot be read is named and left out.
+    """
     found = []
     for path in paths:
-        given = read_frames(path, its.robot.neck, TILT, rate=RATE)
+        try:
+            given = read_frames(path, its.robot.neck, TILT, rate=RATE)
+        except ClipError as error:
+            _left_out(str(error))
+            continue
         x = np.ascontiguousarray(its.robot.seen(given.x[: most or None]), float)
         found.append(task(its, path.name.split(".")[0], kind, x, protocol))
     return found
+
+
+@cache
+def _left_out(why: str) -> None:
+    """Say it once, however many robots and protocols ask for the clip."""
+    print(f"left out: {why}", file=sys.stderr)
 
 
 def adversarial(its: Retargeter, count: int, protocol: int) -> list[Task]:

@@ -40,6 +40,10 @@ BETWEEN_HULLS = 1  # poses between two frames at which hulls of meshes are measu
 LONGEST_LAG = 10  # frames
 OVER = 1e-6  # share by which a limit may be exceeded: of floats and of a solver's tolerance
 FAR, MOVED = 10.0, 0.05  # [deg]
+REFUSED = {  # words of the guard -> what is told
+    "turns at": "a joint would turn too fast", "changes speed by": "a joint would turn too hard",
+    "no way to rest": "no way to rest is proven", "no motion was found": "no motion was found",
+}  # fmt: skip
 
 
 class Court:
@@ -84,9 +88,9 @@ class Court:
             made: "q" (m, n), "seconds" (m,), "failed" (m,); of curves "t", "at", "fast" too.
             repair: put it through the guard as well.
         """
-        q, x = made["q"], task.x[: len(made["q"])]
+        q, x, base = made["q"], task.x[: len(made["q"])], made.get("base")
         found = {"frames": len(q), "steps": max(len(q) - 1, 0), "failed": int(made["failed"].sum())}
-        found |= self._likeness(q, x) | self._moves(q, x) | self._poses(q) | self._paths(made)
+        found |= self._likeness(q, x, base) | self._moves(q, x) | self._poses(q) | self._paths(made)
         found["us"] = [round(1e6 * s, 1) for s in made["seconds"].tolist()]
         if self.hulls:
             found |= self._hulls(q)
@@ -94,10 +98,9 @@ class Court:
             found |= self._repaired(task.name, made)
         return found
 
-    def _likeness(self, q: np.ndarray, x: np.ndarray) -> dict[str, Any]:
+    def _likeness(self, q: np.ndarray, x: np.ndarray, base: np.ndarray | None) -> dict[str, Any]:
         seen = batch.skeletons(self.robot.chain, q)
-        cosine = (seen * x).reshape(-1, 7, 3).sum(axis=2)
-        angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        angle = _angles(seen, x)
         kept = np.ones(7, bool) if self.robot.followed is None else self.robot.followed
         far = cosine_distance(seen, x, self.robot.followed)
         return {
@@ -108,7 +111,18 @@ class Court:
             "far": float(far.mean()),
             "trunk_off": int((angle[:, 0] > FAR).sum()),
             "lag_ms": 1e3 * _lag(seen, x) / RATE,
-        }  # fmt: skip
+        } | ({} if base is None else self._leaning(seen, x, base, kept))  # fmt: skip
+
+    def _leaning(
+        self, seen: np.ndarray, x: np.ndarray, base: np.ndarray, kept: np.ndarray
+    ) -> dict[str, Any]:
+        """Angles of a robot whose base floats, as somebody sees it who stands beside it."""
+        bones = seen.reshape(-1, 7, 3) @ base.transpose(0, 2, 1)
+        lean = np.degrees(np.arccos(np.clip(base[:, 2, 2], -1.0, 1.0)))
+        return {
+            "angle_beside": float(_angles(bones.reshape(-1, 21), x)[:, kept].mean()),
+            "lean": float(lean.mean()),
+        }
 
     def _moves(self, q: np.ndarray, x: np.ndarray) -> dict[str, Any]:
         most, time = self.most, np.arange(len(q)) / RATE
@@ -218,14 +232,19 @@ class Court:
 
     def _repaired(self, name: str, made: dict[str, np.ndarray]) -> dict[str, Any]:
         """What the guard's file door makes of it, and how far that is."""
-        q, robot = made["q"], self.robot
-        raw = Numbers(tuple(q.T.copy()), (False,) * q.shape[1], q, robot.lower, robot.upper)
-        time = np.arange(len(q)) / RATE
-        episode = Episode(name, time, q, [], raw, v=made.get("v"))
+        q, n = made["q"], made["q"].shape[1]
+        v, free = made.get("v"), np.full(n, np.inf)
+        told = np.full(q.shape, np.nan) if v is None else v
+        # As a file that has a place for joints' speeds: without one fewer motions can be written.
+        episode = Episode(
+            name, np.arange(len(q)) / RATE, q, [],
+            Numbers(tuple(q.T.copy()), (False,) * n, q, self.robot.lower, self.robot.upper),
+            v=v, pace=Numbers(tuple(told.T.copy()), (False,) * n, told, -free, free),
+        )  # fmt: skip
         try:
             mended = self.guard.nearest(episode)
-        except CertificateError:
-            return {"repair_refused": 1}
+        except CertificateError as error:
+            return {"repair_refused": 1, "repair_why": _kind(str(error).partition(": ")[2])}
         off = np.degrees(np.abs(mended.q - q)).max(axis=1)
         return {
             "repair_refused": 0,
@@ -235,8 +254,19 @@ class Court:
         }
 
 
+def _kind(why: str) -> str:
+    """What kind of refusal it is; one that is of no known kind is told as it is."""
+    return next((kind for part, kind in REFUSED.items() if part in why), why)
+
+
 def _rows(made: dict, at: np.ndarray, t: np.ndarray, i: int) -> list[Row]:
     return [Row(float(t[k]), at[k], made["fast"][k]) for k in (i, i + 1)]
+
+
+def _angles(seen: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Angles of bones [deg], (m, 7), between skeletons (m, 21)."""
+    cosine = (seen * x).reshape(-1, 7, 3).sum(axis=2)
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def _lag(seen: np.ndarray, x: np.ndarray) -> float:

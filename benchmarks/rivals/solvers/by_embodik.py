@@ -2,7 +2,8 @@
 
 Settings: `steps`, of a frame; `share` of the way to the goal that a step goes; `rows`, pairs that
 its collision constraint holds apart at once (0: no constraint); `margin` [m], that it is told to
-keep; `tuning`, its preset; `damping`; `mode`, of its tasks: MIN_ERROR or SCALE.
+keep; `tuning`, its preset; `damping`; `mode`, of its tasks: MIN_ERROR or SCALE; `accelerations`,
+its limit of these.
 
 It reads no capsules, so it is given each as a cylinder and two spheres, which together are the
 same body.
@@ -38,6 +39,9 @@ def make(robot: Plain, dt: float, settings: dict) -> Callable[[Goal, np.ndarray]
     solver.enable_position_limits(True)
     solver.enable_velocity_limits(bool(settings.get("speed", True)))
     solver.set_damping(float(settings.get("damping", 1e-3)))
+    if settings.get("accelerations"):
+        solver.set_acceleration_limits(robot.acceleration[np.argsort(at)])
+        solver.enable_acceleration_limits(True)
     if settings.get("rows", 5):
         pairs = _pairs(robot, model.get_collision_geometry_names())
         solver.configure_collision_constraint(

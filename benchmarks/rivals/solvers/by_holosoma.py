@@ -16,21 +16,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import person
 from plain import Plain
 
 from solvers import versions
-
-HEIGHT = 1.75  # [m], of the person
-JOINTS = (
-    "Pelvis", "L_Hip", "R_Hip", "Spine1", "L_Knee", "R_Knee", "Spine2", "L_Ankle", "R_Ankle",
-    "Spine3", "L_Foot", "R_Foot", "Neck", "L_Collar", "R_Collar", "Head", "L_Shoulder",
-    "R_Shoulder", "L_Elbow", "R_Elbow", "L_Wrist", "R_Wrist",
-)  # fmt: skip
-TRUNK, NECK, SHOULDER, UPPER, FORE = 0.50, 0.16, 0.18, 0.28, 0.25  # [m]
-STANDS = {  # [m] from the pelvis; the left side
-    "Hip": (0.0, 0.09, -0.05), "Knee": (0.0, 0.09, -0.46), "Ankle": (0.0, 0.09, -0.87),
-    "Foot": (0.13, 0.09, -0.92),
-}  # fmt: skip
 
 
 def about() -> dict[str, str]:
@@ -40,8 +29,8 @@ def about() -> dict[str, str]:
 
 def whole(
     robot: Plain, dt: float, settings: dict, x: np.ndarray, start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A whole motion: poses (m, n) [rad], seconds (m,), and which frames failed (m,).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A whole motion: poses (m, n) [rad], seconds, failures (m,), turns of the base (m, 3, 3).
 
     Raises:
         ValueError: it gives another number of frames, or has not the robot's joints.
@@ -55,10 +44,13 @@ def whole(
         import mujoco
         from holosoma_retargeting.config_types.retargeting import RetargetingConfig
         from holosoma_retargeting.examples import robot_retarget
+        from scipy.spatial.transform import Rotation
 
         with TemporaryDirectory() as folder, redirect_stdout(sys.stderr):
-            points = person(x)
-            np.savez(Path(folder) / "motion.npz", global_joint_positions=points, height=HEIGHT)
+            places = person.points(x)
+            np.savez(
+                Path(folder) / "motion.npz", global_joint_positions=places, height=person.HEIGHT
+            )
             began = time.perf_counter()
             robot_retarget.main(
                 RetargetingConfig(
@@ -75,24 +67,5 @@ def whole(
         os.chdir(here)
     if len(qpos) != len(x):
         raise ValueError(f"{len(qpos)} frames came of {len(x)}")
-    return qpos[:, at], np.full(len(x), took / len(x)), np.zeros(len(x), bool)
-
-
-def person(x: np.ndarray) -> np.ndarray:
-    """Joints [m], (m, 22, 3), of who stands, trunk and arms along skeletons (m, 21)."""
-    u = x.reshape(-1, 7, 3)
-    pelvis = np.tile([-0.5, 0.0, 0.95], (len(u), 1))  # it faces the origin
-    at = {"Pelvis": pelvis}
-    for name, (forward, aside, up) in STANDS.items():
-        at[f"L_{name}"] = pelvis + [forward, aside, up]
-        at[f"R_{name}"] = pelvis + [forward, -aside, up]
-    for i, share in enumerate((0.25, 0.5, 0.75), start=1):
-        at[f"Spine{i}"] = pelvis + share * TRUNK * u[:, 0]
-    at["Neck"] = pelvis + TRUNK * u[:, 0]
-    at["Head"] = at["Neck"] + NECK * u[:, 0]
-    for side, first in (("R", 1), ("L", 4)):
-        at[f"{side}_Collar"] = at["Neck"] + 0.4 * SHOULDER * u[:, first]
-        at[f"{side}_Shoulder"] = at["Neck"] + SHOULDER * u[:, first]
-        at[f"{side}_Elbow"] = at[f"{side}_Shoulder"] + UPPER * u[:, first + 1]
-        at[f"{side}_Wrist"] = at[f"{side}_Elbow"] + FORE * u[:, first + 2]
-    return np.stack([at[name] for name in JOINTS], axis=1)
+    base = Rotation.from_quat(qpos[:, 3:7], scalar_first=True).as_matrix()
+    return qpos[:, at], np.full(len(x), took / len(x)), np.zeros(len(x), bool), base

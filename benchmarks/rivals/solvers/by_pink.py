@@ -1,8 +1,8 @@
 """pink: differential inverse kinematics on pinocchio, one quadratic program a step.
 
 Settings: `solves`, programs a frame; `closest`, pairs that its self-collision barrier holds apart
-(0: no barrier); `gain`, of the barrier; `speed`, its limit of joint speeds; `posture`, cost of
-staying near the anchor.
+(0: no barrier); `gain`, of the barrier; `speed`, its limit of joint speeds; `accelerations`, its
+limit of theirs; `posture`, cost of staying near the anchor.
 """
 
 from collections.abc import Callable
@@ -12,6 +12,7 @@ import numpy as np
 import pink
 import pinocchio as pin
 from pink.barriers import SelfCollisionBarrier
+from pink.limits import AccelerationLimit, ConfigurationLimit, VelocityLimit
 from plain import POINTS, Goal, Plain, Writer, capsule_places
 
 from solvers import versions
@@ -46,17 +47,29 @@ def make(robot: Plain, dt: float, settings: dict) -> Callable[[Goal, np.ndarray]
                 d_min=robot.margin,
             )
         ]  # fmt: skip
+    limits, hardest = None, None  # None: of places and speeds
+    if settings.get("accelerations"):
+        hardest = AccelerationLimit(model, robot.acceleration)
+        limits = [ConfigurationLimit(model), VelocityLimit(model), hardest]
+    step = dt / solves
 
     def solve(goal: Goal, q: np.ndarray) -> np.ndarray:
         at = pink.Configuration(model, data, q, True, True, geometry, collisions)
         for task, place in zip(tasks, goal.points, strict=True):
             task.set_target(pin.SE3(np.eye(3), place))
         for _ in range(solves):
-            v = pink.solve_ik(
-                at, [*tasks, *stay], dt / solves, "daqp", 1e-6, barriers=barriers,
-                safety_break=False,
-            )  # fmt: skip
-            at.integrate_inplace(v, dt / solves)
+            try:
+                v = pink.solve_ik(
+                    at, [*tasks, *stay], step, "daqp", 1e-6, limits=limits, barriers=barriers,
+                    safety_break=False,
+                )  # fmt: skip
+            except Exception:
+                if hardest:  # the robot stays where it is
+                    hardest.set_last_integration(np.zeros(model.nv), step)
+                raise
+            at.integrate_inplace(v, step)
+            if hardest:
+                hardest.set_last_integration(v, step)
         return at.q.copy()
 
     return solve

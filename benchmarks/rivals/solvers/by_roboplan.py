@@ -1,7 +1,8 @@
 """roboplan's optimal inverse kinematics (OInK): frame tasks, limits and barriers, in C++.
 
 Settings: `solves`, programs a frame; `closest`, pairs that its self-collision barrier holds apart
-(0: no barrier); `gain`, of the barrier; `speed`, its limit of joint speeds; `task_gain`.
+(0: no barrier); `gain`, of the barrier; `speed`, its limit of joint speeds; `accelerations`, its
+limit of theirs; `task_gain`.
 """
 
 from collections.abc import Callable
@@ -10,6 +11,7 @@ import numpy as np
 from plain import POINTS, Goal, Plain, Writer
 from roboplan.core import CartesianConfiguration, Scene, loadUrdfSceneDescriptionFromXml
 from roboplan.optimal_ik import (
+    AccelerationLimit,
     FrameTask,
     FrameTaskOptions,
     Oink,
@@ -46,6 +48,10 @@ def make(robot: Plain, dt: float, settings: dict) -> Callable[[Goal, np.ndarray]
     constraints = [PositionLimit(oink, gain=1.0)]
     if settings.get("speed", True):
         constraints.append(VelocityLimit(oink, dt / solves, robot.speed))
+    hardest = None
+    if settings.get("accelerations"):
+        hardest = AccelerationLimit(oink, dt / solves, robot.acceleration)
+        constraints.append(hardest)
     barriers = []
     if settings.get("closest", 20):
         barriers.append(
@@ -69,9 +75,16 @@ def make(robot: Plain, dt: float, settings: dict) -> Callable[[Goal, np.ndarray]
             pose[:3, 3] = place
             task.setTargetFrameTransform(np.asfortranarray(pose))
         for _ in range(solves):
-            oink.solveIk(scene, tasks, constraints, barriers, step, 1e-6)
+            try:
+                oink.solveIk(scene, tasks, constraints, barriers, step, 1e-6)
+            except Exception:
+                if hardest:  # the robot stays where it is
+                    hardest.reset()
+                raise
             full = scene.integrate(full, step)
             scene.setJointPositions(full)
+            if hardest:
+                hardest.setLastVelocity(step * solves / dt)
         return full[at].copy()
 
     return solve
