@@ -65,3 +65,25 @@ def test_poses_of_a_file_are_no_reason_to_compile_anew():
     q.setflags(write=False)
     through()
     assert [len(door.signatures) for door in doors] == before
+
+
+def test_no_frame_of_a_warm_retargeter_waits_for_a_kernel():
+    """In a process of its own: what other tests have loaded would hide what is missing."""
+    code = """
+import sys
+sys.path.insert(0, "tests")
+from streaming import motion, retargeter
+from s3le.plan import causal, pursue
+from s3le.retarget import refine
+doors = (pursue.pursue, refine.refine, causal.safe, causal.brake)
+def known():
+    return [len(door.signatures) for door in doors]
+it = retargeter()
+it.warm_up()
+warm = known()
+stream = it.start()
+modes = {str(stream.step(x, 1 / 30).mode) for x in motion(40)[::4]}
+assert "limited" in modes and all(warm) and known() == warm, (warm, known(), modes)
+"""
+    said = python(code)
+    assert said.returncode == 0, said.stderr

@@ -8,7 +8,7 @@ from command import run
 from guarding import put
 from layouts import KINDS, TIME, gmr, joints, motion
 from test_guard_clean import colliding, held, joint, near, still, swaying
-from worlds import coman
+from worlds import coman, inside_limits
 
 from s3le.cli import shell
 from s3le.errors import CertificateError, TrajectoryError
@@ -92,6 +92,25 @@ def test_straight_rows_that_hold_are_touched_unless_they_are_asked_for(guard, st
     report = audit.audit(coman(), one.episodes[0].time, made.q[0], asked(), v=made.v[0])
     assert report.holds and any(check.name == "stops" for check in report.checks)
     assert 0.0 < made.summary["moved"]["most_deg"] < 1.95  # what a smooth motion has to move
+
+
+def test_rows_at_all_limits_hold_without_a_place_for_speeds_too(guard):
+    """What keeps limits to the last digit has no speeds but its own; so it is planned with less."""
+    q = hurried()
+    made = guard.nearest(held(q).episodes[0])
+    assert made.after.holds and made.reserve > 1e-3 and made.v is not None
+    report = audit.audit(coman(), np.arange(len(q)) / 30.0, made.q, asked(), v=made.v)
+    assert report.holds
+    with_place = guard.nearest(held(q, place=True).episodes[0])
+    assert with_place.after.holds and with_place.reserve == 0.0
+
+
+def hurried():
+    """Rows that turn as fast as joints may, and change their mind every four rows."""
+    q = [coman().anchor]
+    for i in range(11):
+        q.append(q[-1] + np.clip(inside_limits(coman(), 12, 1)[i // 4] - q[-1], -4 / 30, 4 / 30))
+    return np.array(q)
 
 
 def zigzag(rows=60):

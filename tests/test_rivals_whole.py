@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from rivalled import SHARED, made_of, opened, task_of
 from streaming import motion, retargeter
-from worlds import coman, inside_limits
+from test_guard_curves import hurried
+from worlds import coman
 
 from s3le import Robot, retargeter_for
 from s3le.errors import CertificateError
 from s3le.guard.layouts.episode import Episode
-from s3le.guard.layouts.numbers import Numbers
 from s3le.plan.limits import accelerations, limits
 
 rooms = pytest.fixture(scope="module")(opened)
@@ -148,20 +148,13 @@ def test_what_limits_of_acceleration_cost_is_on_the_page(rooms):
 # --- repair
 
 
-def hurried():
-    """Rows of COMAN that turn as fast as joints may, and change their mind every four rows."""
-    q = [coman().anchor]
-    for i in range(11):
-        q.append(q[-1] + np.clip(inside_limits(coman(), 12, 1)[i // 4] - q[-1], -4 / 30, 4 / 30))
-    return np.array(q)
-
-
-def test_repair_writes_files_that_have_a_place_for_speeds(rooms):
-    court, q = rooms.verdict.Court(coman()), hurried()
-    raw = Numbers(tuple(q.T.copy()), (False,) * q.shape[1], q, coman().lower, coman().upper)
-    with pytest.raises(CertificateError, match="would be written"):  # without a place for speeds
-        court.guard.nearest(Episode("made", np.arange(len(q)) / 30.0, q, [], raw))
-    said = court.judge(task_of(rooms, motion(12)), made_of(q))
+def test_repair_writes_files_that_have_a_place_for_speeds(rooms, monkeypatch):
+    court = rooms.verdict.Court(coman())
+    seen: list[Episode] = []
+    plain = court.guard.nearest
+    monkeypatch.setattr(court.guard, "nearest", lambda one: seen.append(one) or plain(one))
+    said = court.judge(task_of(rooms, motion(12)), made_of(hurried()))
+    assert all(one.pace is not None for one in seen) and seen
     assert said["repair_refused"] == 0 and said["repair_left"] == 0 and said["repair_moved"] > 0
 
 

@@ -10,7 +10,7 @@ from s3le.guard.layouts.episode import Episode
 from s3le.plan import gentle
 from s3le.safety import audit
 
-TRIES = 4  # reserves that are tried where a motion does not hold as it is rounded, each the double
+TRIES = 7  # reserves that are tried where a motion does not hold as it is rounded, each the double
 SAME = 1e-5  # [rad], a row that planning moves less is put back
 Progress = Callable[[int], object]
 

@@ -292,6 +292,8 @@ class Retargeter:
         stream, self._warm = Stream(self, None, True), True
         for _ in range(2):  # a first frame, and one that moves
             stream.step(x, 1.0 / 30.0)
+        assert stream._walker is not None  # the first frame made it
+        stream._walker.warm_up()  # steps that do not lead to where they are wanted
         Calm.warm_up(x)
 
     def warm_up_plan(self) -> None:
