@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import sources
 import typer
-from solids import Solids
+from solids import Solids, original
 from tqdm import tqdm
 
 from s3le.human.skeletons import read_frames
@@ -77,9 +76,9 @@ def main(
     print("| robot | pairs | limits alone | with bodies | with hulls | farther by 0.005 | most | "
           "searched, not found |\n|---|---:|---:|---:|---:|---:|---:|---:|")  # fmt: skip
     for word in robots:
-        name, _, given = word.partition("=")
+        name = word.partition("=")[0]
         robot = Robot.load(name)
-        solids = original(robot, folder, Path(name).stem, Path(given) if given else None)
+        solids = original(robot, word, folder)
         x = np.concatenate([read_frames(file, robot.neck, rate=RATE).x for file in files])
         kept = np.sort(np.random.default_rng(seed).choice(len(x), min(frames, len(x)), False))
         found = measured(robot, solids, np.ascontiguousarray(robot.seen(x[kept])))
@@ -99,18 +98,6 @@ def main(
         if pictures:
             pictures.mkdir(parents=True, exist_ok=True)
             _draw(robot, solids, found, row, pictures / f"{robot.name}_worst.png")
-
-
-def original(robot: Robot, folder: Path, name: str, file: Path | None) -> Solids:
-    """The robot as its maker has it.
-
-    Raises:
-        RobotError: there is no recipe of this name, or its source is missing.
-    """
-    if file is not None:
-        return Solids(robot, file, [folder, *file.resolve().parents[:6]])
-    recipe = sources.recipes([name])[0]
-    return Solids(robot, sources.located(recipe, folder), [folder / at for at in recipe.packages])
 
 
 def measured(robot: Robot, solids: Solids, x: np.ndarray) -> Frames:
@@ -168,7 +155,8 @@ def blamed(robot: Robot, found: Frames) -> list[str]:
     rows = np.flatnonzero(found.lost > FARTHER)
     count: Counter[str] = Counter()
     for row in rows:
-        count.update({line.rpartition(" (")[0] for line in _forbidding(robot, found.with_hulls[row])})
+        lines = _forbidding(robot, found.with_hulls[row])
+        count.update({line.rpartition(" (")[0] for line in lines})
     return [f"{name}: {many / len(found.x):.1%}" for name, many in count.most_common()]
 
 
@@ -179,7 +167,8 @@ def _forbidding(robot: Robot, q: np.ndarray) -> list[str]:
     for row in np.flatnonzero(apart < robot.margin):
         links = " and ".join(sorted(robot.bodies[k].link for k in robot.watched[row]))
         least[links] = min(least.get(links, np.inf), float(apart[row] - robot.margin))
-    return [f"{name} ({far * 1e3:.0f} mm)" for name, far in sorted(least.items(), key=lambda i: i[1])]
+    deepest = sorted(least.items(), key=lambda item: item[1])
+    return [f"{name} ({far * 1e3:.0f} mm)" for name, far in deepest]
 
 
 def _draw(robot: Robot, solids: Solids, found: Frames, row: int, path: Path) -> None:

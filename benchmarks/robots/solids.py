@@ -13,6 +13,7 @@ from pathlib import Path
 import coal
 import numpy as np
 import pinocchio as pin
+import sources
 
 from s3le.kernels import qp
 from s3le.kernels.kinematics import bones, place
@@ -25,6 +26,25 @@ BAND = 0.05  # [m] beyond the margin in which a pair enters a step
 SLACK = 2e-5  # [m] beyond the margin that a step aims at
 STEPS = 80  # of a solution at most
 STILL = 1e-6  # [rad], a step as small is the last
+
+
+def original(robot: Robot, word: str, folder: Path) -> "Solids":
+    """The robot as its maker has it.
+
+    Args:
+        robot: whose pieces are wanted.
+        word: its name in recipes.yaml, a robot file called so, or FILE.yaml=ORIGINAL.
+        folder: of sources.
+
+    Raises:
+        RobotError: there is no recipe of this name, or its source is missing.
+    """
+    name, _, given = word.partition("=")
+    if given:
+        file = Path(given)
+        return Solids(robot, file, [folder, *file.resolve().parents[:6]])
+    recipe = sources.recipes([Path(name).stem])[0]
+    return Solids(robot, sources.located(recipe, folder), [folder / at for at in recipe.packages])
 
 
 class Solids:
@@ -43,8 +63,8 @@ class Solids:
         """
         origin = reading.read(file, packages)
         made = covering.cover(origin, bodies.MOST, {}, covered.ALLOWANCE, False).made
-        self.robot = robot
-        work = tight.Work(origin, robot, made, robot.margin, tight.MOST)
+        self.robot, self.origin = robot, origin
+        self.work = work = tight.Work(origin, robot, made, robot.margin, tight.MOST)
         self.pieces = work.pieces
         self._corners = [shape.triangles.reshape(-1, 3) for shape in work.shape]
         self._model, _ = robot.reduced()
@@ -106,10 +126,10 @@ class Solids:
         linear, turning = spun[:3].T, spun[3:].T  # (n_dof, 3), of what is at the origin
         # d distance = normal . (movement of the second point - that of the first)
         push = linear @ normal.T  # (n_dof, k)
-        parts = [
-            (push + turning @ np.cross(at[:, side], normal).T).T * self._moves[self.pairs[rows, side]]
-            for side in (0, 1)
-        ]
+        parts = []
+        for side in (0, 1):
+            turned = turning @ np.cross(at[:, side], normal).T
+            parts.append((push + turned).T * self._moves[self.pairs[rows, side]])
         return rows, apart, parts[1] - parts[0]
 
     def _near(self, within: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -120,7 +140,8 @@ class Solids:
         gap = np.linalg.norm(centre[a] - centre[b], axis=1) - self._radius[a] - self._radius[b]
         rows = np.flatnonzero(~(gap > within))
         put = [coal.Transform3s(at.rotation, at.translation) for at in placed]
-        apart, normal, at = np.empty(len(rows)), np.empty((len(rows), 3)), np.empty((len(rows), 2, 3))
+        n = len(rows)
+        apart, normal, at = np.empty(n), np.empty((n, 3)), np.empty((n, 2, 3))
         for i, (a, b) in enumerate(self.pairs[rows]):
             self._found.clear()
             apart[i] = coal.distance(
