@@ -6,10 +6,11 @@ For a seeded sample of frames of CMU clips (--subjects, which nothing was traine
 poses are found, each the nearest to the human that is allowed: (a) within joint limits alone, (b)
 with the robot file's bodies, (c) with the convex hulls that these bodies contain (solids.py), over
 the same pairs of links. Counted are frames in which (b) is more than FARTHER farther than (c). (c)
-is (a) where that keeps the margin by hulls; elsewhere it is searched from several starts, and each
-solution is measured by coal; where none is found (a) stands for it, which can only count against
-bodies. (b) starts from many poses too, and from (c). A robot file's stem is its name in
-recipes.yaml, which says where in SOURCES its maker's file is; otherwise FILE.yaml=ORIGINAL.
+is (a) where (b) is hardly farther, or (a) keeps the margin by hulls; elsewhere it is searched from
+several starts, and each solution is measured by coal; where none is found (a) stands for it, which
+can only count against bodies. (b) starts from many poses too, and from (c). A robot file's stem is
+its name in recipes.yaml, which says where in SOURCES its maker's file is; otherwise
+FILE.yaml=ORIGINAL.
 """
 
 from collections import Counter
