@@ -184,12 +184,14 @@ def test_a_robot_of_capsules_loses_nothing_and_one_in_a_fat_torso_does(
     tmp_path, rooms, monkeypatch
 ):
     monkeypatch.setattr(rooms.share, "FARTHER", 1e-4)
-    torsos = ('<capsule radius="0.08" length="0.1"/>', '<box size="0.3 0.24 0.3"/>')
+    round_, fat = '<capsule radius="0.08" length="0.1"/>', '<box size="0.3 0.24 0.3"/>'
+    pelvis = '<box size="0.14 0.2 0.12"/>', '<capsule radius="0.07" length="0.06"/>'
+    texts = [figure(torso=round_, legs=False).replace(*pelvis), figure(torso=fat)]
     lost = []
-    for k, torso in enumerate(torsos):
-        made = new(tmp_path / str(k), figure(torso=torso), most=1)
+    for k, text in enumerate(texts):
+        made = new(tmp_path / str(k), text, most=1)
         robot = made.robot
-        solids = rooms.solids.Solids(robot, write(tmp_path / str(k), figure(torso=torso)))
+        solids = rooms.solids.Solids(robot, write(tmp_path / str(k), text))
         q = robot.stand + np.random.default_rng(0).normal(0.0, 0.05, (40, robot.n_dof))
         x = batch.skeletons(robot.chain, np.clip(q, robot.lower, robot.upper))
         found = rooms.share.measured(robot, solids, x)
@@ -202,7 +204,6 @@ def test_a_robot_of_capsules_loses_nothing_and_one_in_a_fat_torso_does(
         named = rooms.share.blamed(robot, found)
         assert (lost[-1] == 0.0) == (not named)
     assert lost[0] == 0.0 and lost[1] > 0.5
-    assert any("waist_pitch_link" in line for line in named)
 
 
 def test_gradients_are_those_of_the_distances(tmp_path, rooms):
