@@ -93,6 +93,8 @@ def main(
         )
         for line in blamed(robot, found)[:most]:
             print(f"    {line}")
+        beyond = 1e3 * np.median(list(solids.reach().values()))
+        print(f"    bodies reach {beyond:.0f} mm beyond the hulls in the median link")
         print(f"    at most: {'; '.join(_forbidding(robot, found.with_hulls[row])[:3])}")
         if built := sorted(set(solids.built)):
             print(f"    built into each other, not asked of hulls: {', '.join(built)}")

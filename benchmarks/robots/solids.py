@@ -7,17 +7,19 @@ not pieces that lie within the margin at anchor, zero or stand: these are built 
 and to leave them out makes the hulls freer, never less free.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import coal
 import numpy as np
 import pinocchio as pin
 import sources
+from scipy.spatial import ConvexHull
 
 from s3le.kernels import qp
 from s3le.kernels.kinematics import bones, place
 from s3le.onboard import bodies, covering, motion, reading, tight
+from s3le.onboard.capsules import directions
 from s3le.robot import pairs
 from s3le.robot.robot import Robot
 from s3le.safety import covered
@@ -45,6 +47,29 @@ def original(robot: Robot, word: str, folder: Path) -> "Solids":
         return Solids(robot, file, [folder, *file.resolve().parents[:6]])
     recipe = sources.recipes([Path(name).stem])[0]
     return Solids(robot, sources.located(recipe, folder), [folder / at for at in recipe.packages])
+
+
+def reach(robot: Robot, hulls: Mapping[str, Sequence[np.ndarray]]) -> dict[str, float]:
+    """How far the bodies of each link reach beyond its hulls [m]; finer ones where it has them.
+
+    Over 400 points of each body, each against the faces of the hull that it is least beyond.
+
+    Args:
+        robot: whose bodies are asked.
+        hulls: of each link the corners of its pieces [m], (n, 3), in the frame of its joint.
+    """
+    faces = {link: [ConvexHull(c).equations for c in pieces] for link, pieces in hulls.items()}
+    fine = {body.link for body in robot.bodies if body.fine}
+    found: dict[str, float] = {}
+    ways = directions(400)
+    for body in robot.bodies:
+        if body.link in faces and body.fine == (body.link in fine):
+            ends = np.where((ways @ (body.b - body.a) > 0.0)[:, None], body.b, body.a)
+            points = ends + body.radius * ways
+            beyond = [(points @ f[:, :3].T + f[:, 3]).max(axis=1) for f in faces[body.link]]
+            far = float(np.min(beyond, axis=0).max())
+            found[body.link] = max(found.get(body.link, 0.0), far)
+    return found
 
 
 class Solids:
@@ -109,6 +134,15 @@ class Solids:
     def clear(self, q: np.ndarray) -> float:
         """Least signed distance of all pairs at q (n_dof,) [rad]; at most BAND [m]."""
         return float(self.measure(q)[1].min(initial=BAND))
+
+    def reach(self) -> dict[str, float]:
+        """How far the bodies of each link reach beyond its hulls [m]."""
+        held: dict[str, list[np.ndarray]] = {}
+        for piece, corners in zip(self.pieces, self._corners, strict=True):
+            if len(corners):
+                at = piece.stands
+                held.setdefault(piece.link, []).append(corners @ at.rotation.T + at.translation)
+        return reach(self.robot, held)
 
     def placed(self, q: np.ndarray) -> list[np.ndarray]:
         """Corners of all hulls at q (n_dof,) [rad]: (n, 3) [m], x forward, y left, z up."""
