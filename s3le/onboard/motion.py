@@ -274,12 +274,14 @@ class Room:
 
 def _gathered(ways: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The directions (n, 3) that count most, and each with the count of those beside it."""
-    left, chosen, weight = count.copy(), [], []
+    left = count.copy()
+    chosen: list[np.ndarray] = []
+    weight: list[float] = []
     while len(chosen) < _FACES and left.max() > 0.0:
         k = int(left.argmax())
         beside = ways @ ways[k] > _BESIDE
         chosen.append(ways[k])
-        weight.append(left[beside].sum())
+        weight.append(float(left[beside].sum()))
         left[beside] = 0.0
     return np.array(chosen), np.array(weight)
 
