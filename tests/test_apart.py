@@ -135,6 +135,11 @@ def test_a_grid_of_cells_holds_the_piece_with_fewer_capsules_than_cells():
             near = np.linalg.norm(inside - a - t[:, None] * (b - a), axis=1)
             far = np.minimum(far, near - radius)
         assert far.max() <= 1e-9
+    far = [splitter.furthest([part.capsule for part in parts]) for parts in found]
+    limit = float(np.median(far))
+    kept = splitter.grids(16, limit)
+    assert 0 < len(kept) < len(found)
+    assert max(splitter.furthest([p.capsule for p in parts]) for parts in kept) <= limit
     small = splitting.Part(BOX * 0.01, splitting.around(BOX * 0.01, np.zeros(3), np.zeros(3)))
     large = splitting.Part(BOX * 0.05, splitting.around(BOX * 0.05, np.zeros(3), np.zeros(3)))
     (left,) = splitting.pruned([small, large])

@@ -86,8 +86,16 @@ class Splitter:
                     if all(np.isfinite([*one.capsule.a, one.capsule.radius]).all() for one in made):
                         yield made
 
-    def grids(self, most: int) -> list[list[Part]]:
+    def furthest(self, held: Sequence[Capsule]) -> float:
+        """How far capsules reach beyond the piece in any direction that is asked [m]."""
+        far = self.ways @ np.array([(c.a, c.b) for c in held]).reshape(-1, 3).T
+        far = far.reshape(len(self.ways), -1, 2).max(axis=2) + [c.radius for c in held]
+        return float((far.max(axis=1) - self.support).max())
+
+    def grids(self, most: int, limit: float = np.inf) -> list[list[Part]]:
         """The whole piece in grids of cells, the best few of each count, each cell well held.
+
+        None reaches farther than a limit [m]: what frees one side must not fill the other.
 
         Cuts one after another are chosen by what each gains at once; strips along a flat face gain
         only together.
@@ -107,7 +115,8 @@ class Splitter:
             for _, cells in sorted(rows, key=lambda row: row[0])[:_KEPT]:
                 parts = pruned([Part(cell, self.fit(cell)) for cell in cells])
                 ends = [[*one.capsule.a, one.capsule.radius] for one in parts]
-                if len(parts) <= most and np.isfinite(ends).all():
+                near = self.furthest([one.capsule for one in parts]) <= limit
+                if len(parts) <= most and near and np.isfinite(ends).all():
                     found.append(parts)
         return found
 

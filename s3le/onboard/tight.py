@@ -98,7 +98,7 @@ class Work:
             self.splits[k].look(ways @ turn, weights)
         self.grow(WORTH, asked)
         for k in sorted({k for pair in room.near if room.forbids(pair) for k in pair} & asked):
-            self._regrid(k)
+            self._regrid(k, coarse[k])
         for _ in range(_INSISTS):
             held = [pair for pair in room.near if room.forbids(pair)]
             worst = sorted(held, key=lambda pair: -self.cost[pair])
@@ -130,8 +130,11 @@ class Work:
         piece = self.pieces[k]
         piece.capsules = motion.moved([part.capsule for part in parts], piece.at)
 
-    def _regrid(self, k: int) -> None:
-        """Cut a whole piece anew, into the grid that is worth most, if one is worth more."""
+    def _regrid(self, k: int, usual: Sequence[Capsule]) -> None:
+        """Cut a whole piece anew, into the grid that is worth most, if one is worth more.
+
+        None that reaches farther than the usual bodies (in the frame of the piece's joint) do.
+        """
 
         def worth(parts: list[Part]) -> float:
             self._put(k, parts)
@@ -139,7 +142,8 @@ class Work:
             return sum(map(self.room.cost, pairs)) + held + WORTH * len(parts) * self.price(k)
 
         pairs = self.room.partners(k)
-        best = min([self.parts[k], *self.splits[k].grids(self.most)], key=worth)
+        limit = self.splits[k].furthest(motion.moved(usual, self.pieces[k].at.inverse()))
+        best = min([self.parts[k], *self.splits[k].grids(self.most, limit)], key=worth)
         self._settle(k, best)
         for pair in pairs:
             self.cost[pair] = self.room.cost(pair)
