@@ -8,9 +8,9 @@ with the robot file's bodies, (c) with the convex hulls that these bodies contai
 the same pairs of links. Counted are frames in which (b) is more than FARTHER farther than (c). (c)
 is (a) where (b) is hardly farther, or (a) keeps the margin by hulls; elsewhere it is searched from
 several starts, and each solution is measured by coal; where none is found (a) stands for it, which
-can only count against bodies. *at most* is the share if (c) were (a) everywhere. (b) starts from many poses too, and from (c). A robot file's stem is
-its name in recipes.yaml, which says where in SOURCES its maker's file is; otherwise
-FILE.yaml=ORIGINAL.
+can only count against bodies. *at most* is the share if (c) were (a) everywhere. (b) starts from
+many poses too, and from (c). A robot file's stem is its name in recipes.yaml, which says where in
+SOURCES its maker's file is; otherwise FILE.yaml=ORIGINAL.
 """
 
 from collections import Counter
@@ -74,8 +74,10 @@ def main(
     if not files:
         raise SystemExit(f"{clips}: no clip of CMU's subjects {subjects} there")
     print(f"{len(files)} clips, {frames} frames of each robot; distance to the human")
-    print("| robot | pairs | limits alone | with bodies | with hulls | farther by 0.005 | at most | most | "
-          "searched, not found |\n|---|---:|---:|---:|---:|---:|---:|---:|---:|")  # fmt: skip
+    print(
+        "| robot | pairs | limits alone | with bodies | with hulls | farther by 0.005 | at most "
+        "| most | searched, not found |\n|---|---:|---:|---:|---:|---:|---:|---:|---:|"
+    )
     for word in robots:
         name = word.partition("=")[0]
         robot = Robot.load(name)
