@@ -113,6 +113,17 @@ def test_links_that_never_meet_are_taken_off_with_the_reason(tmp_path):
     assert any(set(pair[:2]) == {"left_sp_0", "left_upper_0"} for pair in made.robot.unwatched())
 
 
+def test_a_joint_that_is_held_between_leaves_them_watched(tmp_path, monkeypatch):
+    source = reading.read(write(tmp_path, socketed(0.06)), [])
+    assert apart.between(source, "left_sp", "left_upper") == {
+        "left_shoulder_roll", "left_shoulder_yaw"
+    }  # fmt: skip
+    assert "left_hip_pitch" in apart.between(source, "left_hip_pitch_link", "left_upper")
+    monkeypatch.setattr(apart, "between", lambda *links: {"left_hip_pitch"})  # held, may be given
+    made = new(tmp_path, socketed(0.06), finer=True)
+    assert "never within" not in made.robot.disabled.get(SHOULDER, "")
+
+
 def test_links_that_can_meet_are_not(tmp_path):
     made = new(tmp_path, socketed(0.09), finer=True)  # its corners reach 78 mm
     assert "never within" not in made.robot.disabled.get(SHOULDER, "")

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from s3le.onboard.hulls import corners
 from s3le.onboard.motion import convex
@@ -70,6 +71,23 @@ def solids(robot: Geometry, source: Source) -> dict[str, list[Solid]]:
         held = [one @ at.placement.rotation.T + at.placement.translation for one in alone]
         found[link] = [Solid(int(at.parentJoint) - 1, one, convex(one)) for one in held]
     return found
+
+
+def between(source: Source, a: str, b: str) -> set[str]:
+    """Names of all joints of the file between two links, those that stand still here too.
+
+    What is proven holds for the joints that move; one that is held may be given later.
+    """
+    model = source.model
+    paths = []
+    for link in (a, b):
+        joint = int(model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentJoint)
+        path = set()
+        while joint > 0:
+            path.add(str(model.names[joint]))
+            joint = int(model.parents[joint])
+        paths.append(path)
+    return paths[0] ^ paths[1]
 
 
 def never_nearer(

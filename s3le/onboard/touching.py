@@ -77,7 +77,10 @@ def never(
     found = {}
     for links in sorted((pair for pair, wanted in asked.items() if wanted), key=sorted):
         a, b = sorted(links)
-        if a in parts and b in parts and apart.never_nearer(robot, parts[a], parts[b], NEVER):
+        if not {a, b} <= set(parts):
+            continue
+        moving = apart.between(source, a, b) <= set(robot.joint_names)
+        if moving and apart.never_nearer(robot, parts[a], parts[b], NEVER):
             found[links] = f"proven by hulls of the drawings: never within {NEVER * 1e3:g} mm"
     return found
 
