@@ -18,6 +18,7 @@ from s3le.robot.model import Geometry
 from s3le.skeleton import BONES, DIM
 
 WISHED = 0.01  # [m], clearance of an anchor; margins are smaller
+_SERVES = 0.005  # [m], the same of a named pose: parts that turn beside each other leave no more
 _RANDOM = 100  # poses that are asked after the named ones
 _LIFTS = (0.0, 0.35, 0.7, -0.4)  # [rad] that arms hang below the T-pose
 ASKED = _RANDOM + len(_LIFTS) + 1
@@ -47,12 +48,12 @@ def search(robot: Geometry, neck: str) -> Found | None:
         near = rank if how != "search" else len(_LIFTS) + 1
         # A named pose may hide one pair more than a random one: people know what it looks like.
         score = (
-            found.clearance < WISHED, found.overlaps - 2 * (how != "search"), near,
-            -found.clearance,
+            found.clearance < (WISHED if how == "search" else _SERVES),
+            found.overlaps - 2 * (how != "search"), near, -found.clearance,
         )  # fmt: skip
         if best is None or score < best[0]:
             best = (score, found)
-        if how == "search" and best[1].how != "search" and best[1].clearance >= WISHED:
+        if how == "search" and best[1].how != "search" and best[1].clearance >= _SERVES:
             break  # a named pose serves; what random ones would hide less is not worth its oddness
     return best[1] if best else None
 

@@ -23,12 +23,13 @@ POSES = 300  # as people move
 BAND = 0.005  # [m] beyond the margin in which room counts already
 _WISHED = 0.009  # [m] the same in named poses
 OUT = 1  # of the named poses the one whose overlaps bodies may keep: arms held out
-_AIMED = 0.002  # [m] beyond the margin that capsules are to keep in a named pose
+_AIMED = 0.001  # [m] beyond the margin that capsules are to keep in a named pose
 _TOUCH = 0.01  # [m] pieces as near in all named poses are built to each other
 _DEEP = 0.02  # [m] of room that counts as one
 _LEAN = np.radians(15.0)  # [rad] spread of trunk joints
 _HANGING = 2.0  # concentration of the upper arms about straight down, as of the sampler `human`
 _RARE = 0.05  # of the peak: arms straight up are rare, not impossible
+_FACES, _BESIDE = 40, np.cos(np.radians(4.0))  # directions of others, at most, and how near alike
 _DRAWN = 40  # draws for each pose wanted
 
 
@@ -247,22 +248,42 @@ class Room:
         """Pairs of pieces that are measured and of which one is i."""
         return [pair for pair in self.near if i in pair]
 
-    def sides(self, i: int, ways: np.ndarray) -> np.ndarray:
-        """How much each direction (k, 3) counts, of the piece in its joint's frame; mean 1.
+    def sides(self, i: int, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Directions in which a piece's reach is asked, in its joint's frame, and how they count.
 
-        Where others come from at poses of which capsules take room, and a little everywhere.
+        Those given (k, 3), and those from which others come at poses of which capsules take room.
+        Of the given ones such as lie near count more, and each counts a little. Weights: mean 1.
         """
         own = self.pieces[i]
-        total = np.zeros(len(ways))
+        found, counts = [], []
         for pair in self.partners(i):
             count, near = self.room(pair), self.near[pair]
             normal = near.normal * (1.0 if pair[0] == i else -1.0)
-            local = np.einsum("nji,nj->ni", self.turned[near.rows, own.joint + 1], normal)
-            total += np.exp(20.0 * (ways @ local.T - 1.0)) @ count
-        if not total.any():
-            return np.ones(len(ways))
-        total = total / total.mean()
-        return (total + 0.2) / 1.2
+            found.append(np.einsum("nji,nj->ni", self.turned[near.rows, own.joint + 1], normal))
+            counts.append(count)
+        local, count = np.concatenate([np.empty((0, 3)), *found]), np.concatenate([[], *counts])
+        if not count.any():
+            return ways, np.ones(len(ways))
+        total = np.exp(20.0 * (ways @ local.T - 1.0)) @ count
+        total = (total / total.mean() + 0.2) / 1.2
+        faces, weight = _gathered(local, count)
+        weight *= len(ways) / weight.sum()
+        both = np.concatenate([total, weight])
+        return np.concatenate([ways, faces]), both / both.mean()
+
+
+def _gathered(ways: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The directions (n, 3) that count most, and each with the count of those beside it."""
+    left = count.copy()
+    chosen: list[np.ndarray] = []
+    weight: list[float] = []
+    while len(chosen) < _FACES and left.max() > 0.0:
+        k = int(left.argmax())
+        beside = ways @ ways[k] > _BESIDE
+        chosen.append(ways[k])
+        weight.append(float(left[beside].sum()))
+        left[beside] = 0.0
+    return np.array(chosen), np.array(weight)
 
 
 def joined(robot: Geometry, pieces: Sequence[Piece]) -> set[frozenset[int]]:

@@ -137,6 +137,16 @@ def propose(
         standing, out = _standing(robot, neck, work, poses, margin)
         plan.stand = dict(zip(robot.joint_names, standing.q.tolist(), strict=True))
         if finer:
+            if never := touching.never(
+                robot, origin, work.pieces, motion.poses(robot, [standing.q, out], 1.0), margin
+            ):
+                files[f"urdf/{name}.srdf"] = srdf.text(name, robot.disabled | never).encode()
+                work.robot = robot = plan.load(Path(folder))
+                sure.append(
+                    "bodies overlap, but hulls of all that is drawn are proven apart at any "
+                    "angles, so these are taken off in the SRDF: "
+                    + ", ".join(" and ".join(sorted(pair)) for pair in never)
+                )
             pairs, said = work.tighten([standing.q, out, anchor.zero(robot)])
             plan.finer, plan.baselines = sorted(map(sorted, pairs)), True
             sure += said

@@ -27,6 +27,9 @@ _GRIDS = sorted(
     ((x, y, z) for x in range(1, 4) for y in range(1, 4) for z in range(1, 4)
      if 1 < x * y * z <= 2), key=lambda counts: (int(np.prod(counts)), counts)
 )  # fmt: skip
+_WHOLE = [(x, y, z) for x in range(1, 6) for y in range(1, 6) for z in range(1, 6)
+          if x * y * z in (3, 4, 6, 8, 9, 12, 16) and min(x, y, z) == 1]  # fmt: skip
+_KEPT = 2  # grids of a count whose capsules are searched well
 
 
 class Part(NamedTuple):
@@ -49,8 +52,15 @@ class Splitter:
             QhullError: the points span no volume.
         """
         self.corners = points[np.sort(ConvexHull(points).vertices)]
-        self.support = (self.corners @ WAYS.T).max(axis=0)
-        self.weights = np.ones(len(WAYS))  # of WAYS, mean 1
+        self.look(WAYS, np.ones(len(WAYS)))
+
+    def look(self, ways: np.ndarray, weights: np.ndarray) -> None:
+        """Ask reach in these directions (k, 3), which count so much (k,), mean 1.
+
+        Between directions a capsule may bulge unseen: those from which others come belong to them.
+        """
+        self.ways, self.weights = ways, weights
+        self.support = (self.corners @ ways.T).max(axis=0)
 
     def whole(self) -> Part:
         """The piece in one capsule."""
@@ -58,8 +68,8 @@ class Splitter:
 
     def excess(self, held: Sequence[Capsule]) -> float:
         """How far capsules reach beyond the piece, a mean over directions near the largest [m]."""
-        far = WAYS @ np.array([(c.a, c.b) for c in held]).reshape(-1, 3).T
-        far = far.reshape(len(WAYS), -1, 2).max(axis=2) + [c.radius for c in held]
+        far = self.ways @ np.array([(c.a, c.b) for c in held]).reshape(-1, 3).T
+        far = far.reshape(len(self.ways), -1, 2).max(axis=2) + [c.radius for c in held]
         beyond = np.maximum(far.max(axis=1) - self.support, 0.0)
         return float((self.weights * beyond**_POWER).mean() ** (1.0 / _POWER))
 
@@ -75,6 +85,40 @@ class Splitter:
                     made = [Part(cell, self._crude(cell)) for cell in cells]
                     if all(np.isfinite([*one.capsule.a, one.capsule.radius]).all() for one in made):
                         yield made
+
+    def furthest(self, held: Sequence[Capsule]) -> float:
+        """How far capsules reach beyond the piece in any direction that is asked [m]."""
+        far = self.ways @ np.array([(c.a, c.b) for c in held]).reshape(-1, 3).T
+        far = far.reshape(len(self.ways), -1, 2).max(axis=2) + [c.radius for c in held]
+        return float((far.max(axis=1) - self.support).max())
+
+    def grids(self, most: int, limit: float = np.inf) -> list[list[Part]]:
+        """The whole piece in grids of cells, the best few of each count, each cell well held.
+
+        None reaches farther than a limit [m]: what frees one side must not fill the other.
+
+        Cuts one after another are chosen by what each gains at once; strips along a flat face gain
+        only together.
+        """
+        frames, edges = [np.eye(3), _axes(self.corners)], _edges(self.corners)
+        if np.abs(frames[1]).max(axis=1).min() > _ALONG:
+            frames = frames[:1]
+        crude: dict[int, list[tuple[float, list[np.ndarray]]]] = {}
+        for frame in frames:
+            for counts in _WHOLE:
+                cells = _cells(self.corners, edges, frame, counts)
+                if len(cells) == np.prod(counts):
+                    far = self.excess([self._crude(cell) for cell in cells])
+                    crude.setdefault(len(cells), []).append((far, cells))
+        found = []
+        for rows in crude.values():
+            for _, cells in sorted(rows, key=lambda row: row[0])[:_KEPT]:
+                parts = pruned([Part(cell, self.fit(cell)) for cell in cells])
+                ends = [[*one.capsule.a, one.capsule.radius] for one in parts]
+                near = self.furthest([one.capsule for one in parts]) <= limit
+                if len(parts) <= most and near and np.isfinite(ends).all():
+                    found.append(parts)
+        return found
 
     def _crude(self, points: np.ndarray) -> Capsule:
         outer = _outer(points)
@@ -100,10 +144,18 @@ class Splitter:
     def _searched(self, points: np.ndarray, start: Capsule) -> Capsule:
         size = max(float(np.ptp(points, axis=0).max()), 1e-6)
 
+        square = (points * points).sum(axis=1)
+
         def beyond(ends: np.ndarray) -> float:
-            radius = float(to_segment(points, ends[:3], ends[3:]).max())
-            far = np.maximum(WAYS @ ends[:3], WAYS @ ends[3:]) + (radius - self.support)
-            return float(self.weights @ np.maximum(far / size, 0.0) ** _POWER)
+            # As to_segment has it, written out: this is asked a hundred thousand times.
+            a, along = ends[:3], ends[3:] - ends[:3]
+            at, on = points @ along - a @ along, along @ along
+            share = np.minimum(np.maximum(at / max(on, 1e-300), 0.0), 1.0)
+            off = square - 2.0 * (points @ a) + a @ a - share * (2.0 * at - share * on)
+            radius = np.sqrt(max(float(off.max()), 0.0))
+            far = np.maximum(self.ways @ a, self.ways @ ends[3:]) + (radius - self.support)
+            far = np.maximum(far / size, 0.0) ** 2
+            return float(self.weights @ (far * far * far))
 
         ends = np.concatenate([start.a, start.b])
         for step in (0.1, 0.03):
@@ -117,17 +169,31 @@ class Splitter:
         return around(points, ends[:3], ends[3:])
 
 
+def pruned(parts: Sequence[Part]) -> list[Part]:
+    """Without parts that another one's capsule holds: it takes their corners, and holds both.
+
+    Inside a piece the capsules of its faces bulge into each other and leave nothing to hold.
+    """
+    left = list(parts)
+    for part in sorted(parts, key=lambda one: one.capsule.radius):
+        for k, other in enumerate(left):
+            a, b, radius = other.capsule
+            if other is not part and (to_segment(part.points, a, b) <= radius - 1e-6).all():
+                left[k] = Part(np.concatenate([other.points, part.points]), other.capsule)
+                left = [one for one in left if one is not part]
+                break
+    return left
+
+
 def _cells(
     points: np.ndarray, edges: np.ndarray, frame: np.ndarray, counts: tuple[int, int, int]
 ) -> list[np.ndarray]:
     """Corners of the cells that a grid of equal steps along the rows of frame cuts a part into."""
-    parts = [(points, edges)]
+    parts: list[tuple[np.ndarray, np.ndarray | None]] = [(points, edges)]
     for way, count in zip(frame, counts, strict=True):
         height = points @ way
         for at in np.linspace(height.min(), height.max(), count + 1)[1:-1]:
-            cells = [half for part in parts for half in halves(*part, way, float(at))]
-            parts = [(cell, known) if known is not None else (cell, _edges(cell))
-                     for cell, known in cells]  # fmt: skip
+            parts = [half for part in parts for half in halves(*part, way, float(at))]
     return [cell for cell, _ in parts]
 
 
@@ -141,14 +207,18 @@ def _edges(points: np.ndarray) -> np.ndarray:
 
 
 def halves(
-    points: np.ndarray, edges: np.ndarray, way: np.ndarray, at: float
+    points: np.ndarray, edges: np.ndarray | None, way: np.ndarray, at: float
 ) -> list[tuple[np.ndarray, np.ndarray | None]]:
     """What a plane way . x = at makes of a convex part: corners of both halves, or all of it.
 
     The corners on each side, and where the plane meets the edges: the hull of these is the half.
+    Edges are found where they are not known and are needed.
     """
     height = points @ way - at
-    if height.min() > -_THIN or height.max() < _THIN or not len(edges):
+    if height.min() > -_THIN or height.max() < _THIN:
+        return [(points, edges)]
+    edges = _edges(points) if edges is None else edges
+    if not len(edges):
         return [(points, edges)]
     low, high = edges[height[edges[:, 0]] * height[edges[:, 1]] < 0.0].T
     share = (height[low] / (height[low] - height[high]))[:, None]

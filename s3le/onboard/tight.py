@@ -23,10 +23,12 @@ from s3le.robot.urdf import FINE
 
 WORTH = 8e-4  # of room that each further pair must give
 _INSISTS = 40  # cuts at most, gain or not, where pieces keep the robot from a named pose
-MOST = 16  # capsules of one piece
-FINER = 4e-3  # of room that the usual bodies of two links may take
+_INSISTED = 3  # ways to cut a part there whose capsules are searched well
+MOST = 20  # capsules of one piece
+FINER = 2e-3  # of room that the usual bodies of two links may take
 _TRIED = 2  # parts that are cut on trial: those that take most room
 _FITTED = 1  # cuts of each count whose capsules are searched well
+_FORBIDS = 0.2  # of room that a pair counts more while it forbids a named pose
 _NAMED = 0.2  # that a named pose counts, beside 1 for all others together
 
 
@@ -91,8 +93,12 @@ class Work:
         self.cost = {pair: room.cost(pair) for pair in room.near}
         asked = {k for pair in room.near for k in pair} & set(self.splits)
         for k in asked:
-            self.splits[k].weights = room.sides(k, WAYS @ self.pieces[k].at.rotation.T)
+            turn = self.pieces[k].at.rotation
+            ways, weights = room.sides(k, WAYS @ turn.T)
+            self.splits[k].look(ways @ turn, weights)
         self.grow(WORTH, asked)
+        for k in sorted({k for pair in room.near if room.forbids(pair) for k in pair} & asked):
+            self._regrid(k, coarse[k])
         for _ in range(_INSISTS):
             held = [pair for pair in room.near if room.forbids(pair)]
             worst = sorted(held, key=lambda pair: -self.cost[pair])
@@ -124,6 +130,24 @@ class Work:
         piece = self.pieces[k]
         piece.capsules = motion.moved([part.capsule for part in parts], piece.at)
 
+    def _regrid(self, k: int, usual: Sequence[Capsule]) -> None:
+        """Cut a whole piece anew, into the grid that is worth most, if one is worth more.
+
+        None that reaches farther than the usual bodies (in the frame of the piece's joint) do.
+        """
+
+        def worth(parts: list[Part]) -> float:
+            self._put(k, parts)
+            held = sum(_FORBIDS * self.room.forbids(pair) for pair in pairs)
+            return sum(map(self.room.cost, pairs)) + held + WORTH * len(parts) * self.price(k)
+
+        pairs = self.room.partners(k)
+        limit = self.splits[k].furthest(motion.moved(usual, self.pieces[k].at.inverse()))
+        best = min([self.parts[k], *self.splits[k].grids(self.most, limit)], key=worth)
+        self._settle(k, best)
+        for pair in pairs:
+            self.cost[pair] = self.room.cost(pair)
+
     def _insist(self, pair: tuple[int, int]) -> bool:
         """Cut what of a pair takes most room, whether that gains at once or not; was there any?"""
         best: tuple[tuple[float, float], int, list[Part]] | None = None
@@ -133,7 +157,11 @@ class Work:
             rows = self.room.near[pair].rows
             each = [self.room.apart(replace(own, capsules=[c]), other, rows) for c in own.capsules]
             n = int(np.argmin(np.min(each, axis=1)))
-            for cells in splitter.cuts(parts[n]):
+            ways = sorted(
+                splitter.cuts(parts[n]),
+                key=lambda cells: splitter.excess([cell.capsule for cell in cells]),
+            )
+            for cells in ways[:_INSISTED]:
                 cells = [cell._replace(capsule=splitter.fit(cell.points)) for cell in cells]
                 made = [*parts[:n], *cells, *parts[n + 1 :]]
                 finite = np.isfinite([cell.capsule.radius for cell in cells]).all()

@@ -1,9 +1,10 @@
-"""Links that touch by design and would be locked if they were held to that: taken off, and said.
+"""Links that would be locked if they were held to how their bodies overlap: taken off, and said.
 
 A pair that overlaps at the anchor is held to its baseline (robot/pairs.py). Where the drawings
 themselves touch there, as a waist's two axes in one housing do, that may forbid motion for which
 the robot was built. Such pairs go into the SRDF, with what they would forbid and how deep the
-drawings overlap, and every certificate lists them as not covered.
+drawings overlap, and every certificate lists them as not covered. Before anything else come those
+whose bodies overlap although the links never meet at any angles (apart.py).
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,10 @@ import numpy as np
 import pinocchio as pin
 
 from s3le.kernels import batch
+from s3le.onboard import apart, motion
+from s3le.onboard.apart import NEVER
 from s3le.onboard.motion import Piece, Shown
+from s3le.onboard.source import Source
 from s3le.robot import chain, pairs
 from s3le.robot.model import Geometry
 
@@ -42,6 +46,43 @@ class Locked(NamedTuple):
             f"touch by design: hulls of the drawings {drawn}; watched, {self.share:.0%} of poses "
             "would be forbidden"
         )
+
+
+def never(
+    robot: Geometry, source: Source, pieces: Sequence[Piece], shown: Shown, margin: float
+) -> dict[frozenset[str], str]:
+    """Pairs of links whose bodies overlap by design, though proven to be apart, and why.
+
+    Args:
+        robot: whose links these are; its anchor may be anything.
+        source: it was made from.
+        pieces: its parts with the bodies that stand for them.
+        shown: poses as people move, named ones first.
+        margin: clearance that poses keep [m].
+    """
+    room = motion.Room(robot, list(pieces), shown, margin)
+    near = motion.joined(robot, pieces)
+    asked: dict[frozenset[str], bool] = {}
+    for i, one in enumerate(pieces):
+        for two in pieces[i + 1 :]:
+            links = frozenset((one.link, two.link))
+            if one.joint == two.joint or links in robot.disabled:
+                continue
+            if frozenset((one.joint, two.joint)) in near or asked.get(links):
+                continue
+            far = room.apart(one, two, np.arange(len(shown.q)))
+            many = float((far[shown.named :] < margin).mean()) > LOCKED
+            asked[links] = many or bool((far[: shown.named] < margin).any())
+    parts = apart.solids(robot, source)
+    found = {}
+    for links in sorted((pair for pair, wanted in asked.items() if wanted), key=sorted):
+        a, b = sorted(links)
+        if not {a, b} <= set(parts):
+            continue
+        moving = apart.between(source, a, b) <= set(robot.joint_names)
+        if moving and apart.never_nearer(robot, parts[a], parts[b], NEVER):
+            found[links] = f"proven by hulls of the drawings: never within {NEVER * 1e3:g} mm"
+    return found
 
 
 def locked(robot: Geometry, pieces: Sequence[Piece], shown: Shown, margin: float) -> list[Locked]:
