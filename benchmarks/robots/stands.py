@@ -11,7 +11,6 @@ Without names: all robots of the package that have a recipe.
 from pathlib import Path
 from typing import Annotated
 
-import coal
 import numpy as np
 import pinocchio as pin
 import sources
@@ -72,15 +71,7 @@ def between(solids: Solids, links: frozenset[str], q: np.ndarray) -> float:
     data = model.createData()
     pin.forwardKinematics(model, data, q)
     one, other = ([p for p in solids.pieces if p.link == link] for link in sorted(links))
-    least = np.inf
-    for a in one:
-        for b in other:
-            at = [data.oMi[p.joint + 1] * p.stands for p in (a, b)]
-            put = [coal.Transform3s(p.rotation, p.translation) for p in at]
-            found = coal.DistanceResult()
-            coal.distance(a.solid, put[0], b.solid, put[1], coal.DistanceRequest(), found)
-            least = min(least, float(found.min_distance))
-    return least
+    return motion.nearest(data, one, other)
 
 
 if __name__ == "__main__":

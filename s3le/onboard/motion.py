@@ -331,5 +331,17 @@ def clearance(
     return lambda q: min(apart(q, kept), default=np.inf)
 
 
+def nearest(data: pin.Data, ones: Sequence[Piece], others: Sequence[Piece]) -> float:
+    """Least signed distance of pieces to other pieces where a robot was placed [m]; inf: none."""
+    ask, least = coal.DistanceRequest(), np.inf
+    for one in ones:
+        for other in others:
+            at = [_transform(data.oMi[p.joint + 1] * p.stands) for p in (one, other)]
+            found = coal.DistanceResult()
+            coal.distance(one.solid, at[0], other.solid, at[1], ask, found)
+            least = min(least, float(found.min_distance))
+    return least
+
+
 def _transform(at: pin.SE3) -> coal.Transform3s:
     return coal.Transform3s(at.rotation, at.translation)

@@ -10,7 +10,6 @@ whose bodies overlap although the links never meet at any angles (apart.py).
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -117,18 +116,10 @@ def _gap(
 ) -> tuple[float, float]:
     """Least distance of the pieces of two links at the named poses, and at some others too."""
     model, _ = robot.reduced()
-    data, ask = model.createData(), coal.DistanceRequest()
+    data = model.createData()
     one, other = ([piece for piece in pieces if piece.link == link] for link in sorted(links))
     found = []
     for q in shown.q[: shown.named + 100]:
         pin.forwardKinematics(model, data, q)
-        least = np.inf
-        for a in one:
-            for b in other:
-                at = [data.oMi[p.joint + 1] * p.stands for p in (a, b)]
-                placed = [coal.Transform3s(p.rotation, p.translation) for p in at]
-                result = coal.DistanceResult()
-                coal.distance(a.solid, placed[0], b.solid, placed[1], ask, result)
-                least = min(least, float(result.min_distance))
-        found.append(least)
+        found.append(motion.nearest(data, one, other))
     return float(min(found[: shown.named])), float(min(found))
