@@ -11,7 +11,7 @@ from test_guard_clean import held, joint, still
 from worlds import coman
 
 from s3le.cli import shell
-from s3le.errors import ParameterError
+from s3le.errors import CertificateError, ParameterError
 from s3le.guard.claim import claim
 from s3le.guard.clean import Guard
 from s3le.motion import files
@@ -91,6 +91,25 @@ def test_a_file_that_holds_is_touched_for_it_and_one_that_keeps_it_is_not(tmp_pa
     assert np.abs(gentle.jerks(episode.time, made.q, made.v)).max() <= LIMIT * (1.0 + 1e-6)
     again = held(made.q, place=True).episodes[0]._replace(v=made.v)
     assert (asked.nearest(again).q == made.q).all()
+
+
+@pytest.mark.parametrize("fails", ["no plan", "a plan that does not hold"])
+def test_straight_rows_that_hold_are_not_refused_for_it(monkeypatch, fails):
+    file = held(planned(jumping(), curved=False).q)
+    guard = Guard(*claim(coman(), straight=True, jerk=LIMIT))
+    episode = file.episodes[0]
+    eased = guard.nearest(episode)
+    assert eased.after.holds and (eased.q != episode.q).any()
+
+    def plan(episode, reserve, step, progress):
+        if fails == "no plan":
+            raise CertificateError("no motion was found")
+        beyond = np.full_like(episode.q, 10.0)  # no joint goes there
+        return beyond, np.ones(len(beyond), np.uint8), np.zeros(len(beyond), bool)
+
+    monkeypatch.setattr(guard, "_plan", plan)
+    kept = guard.nearest(episode)
+    assert kept.after.holds and kept.after is kept.before and (kept.q == episode.q).all()
 
 
 def test_a_command_takes_it_and_its_summary_tells(tmp_path):

@@ -215,44 +215,44 @@ class Guard:
         name, time, wanted = episode.name, episode.time, episode.q
         before, seen = self._look(episode, wanted, progress)
         m = len(time)
-        good = before.holds or (seen and forced.only(seen, np.zeros(m, bool)))
-        if good and not curves.rough(self, time, wanted, None):
-            if progress:
-                progress(work(m) - looks(m))
+        kept: Made | None = None
+        if before.holds or (seen is not None and forced.only(seen, np.zeros(m, bool))):
             runs = self._forced(episode, seen)
-            return Made(wanted, before, before, np.full(m, WANTED, np.uint8), 0.0, runs)
+            kept = Made(wanted, before, before, np.full(m, WANTED, np.uint8), 0.0, runs)
+            if not curves.rough(self, time, wanted, None):
+                if progress:
+                    progress(work(m) - looks(m))
+                return kept
         step = float(np.diff(time).min()) if m > 1 else 1.0
         reserve, grain, why = 0.0, 0.0, ""
         for turn in range(TRIES + 1):
+            told = None if turn else progress
             try:
-                q, how, given_way = self._plan(
-                    episode, reserve, step, None if turn else progress
-                )  # fmt: skip
+                q, how, given_way = self._plan(episode, reserve, step, told)
                 written = episode.as_written(q)
             except S3leError as refusal:
-                tail = (
-                    f" (with a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
-                )
+                if kept is not None:
+                    break
+                tail = f" (with a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
                 raise CertificateError(f"{name}: {refusal}{tail}") from None
             # Rows that planning hardly moved stay as they are, to the bit, if all holds so too.
             still = (np.abs(written - wanted) < SAME).all(axis=1)
             put_back = np.where(still[:, None], wanted, written)
-            after, seen = self._look(episode, put_back, None if turn else progress)
-            good = after.holds or (seen is not None and forced.only(seen, given_way))
-            if good:
-                written = put_back
-            elif not (put_back == written).all():
-                after, seen = self._look(episode, written)
-                good = after.holds or (seen is not None and forced.only(seen, given_way))
-            if good:
-                how = np.where((written == wanted).all(axis=1), WANTED, np.maximum(how, PLANNED))
-                runs = self._forced(episode, seen)
-                return Made(written, before, after, how.astype(np.uint8), reserve, runs)
+            same = (put_back == written).all()
+            for made in (written,) if same else (put_back, written):
+                after, seen = self._look(episode, made, told)
+                if after.holds or (seen is not None and forced.only(seen, given_way)):
+                    how = np.where((made == wanted).all(axis=1), WANTED, np.maximum(how, PLANNED))
+                    runs = self._forced(episode, seen)
+                    return Made(made, before, after, how.astype(np.uint8), reserve, runs)
+                told = None
             why = after.complaint
             grain = max(grain, float(np.abs(written - q).max()))
             if not grain > 0.0:  # also NaN: no reserve will help
                 break
             reserve = grain * 2.0**turn
+        if kept is not None:  # its jerk is no reason to refuse it
+            return kept
         raise CertificateError(
             f"{name}: what would be written does not hold: {why}"
             + (f"; the file rounds angles by {grain:.2g} rad" if grain > 0.0 else "")

@@ -187,7 +187,9 @@ class _State:
                 for key, value in optimiser.state.get(named[name], {}).items():
                     tensors[f"adam.{key}.{name}"] = value
         tensors["generator"] = self.generator.get_state()
-        note = {"mark": mark, "step": self.step, "history": self.history, "sums": self.sums}
+        # As pairs: a note's keys are sorted, and the terms' order is that of the columns of a curve.
+        history, sums = [list(row.items()) for row in self.history], list(self.sums.items())
+        note = {"mark": mark, "step": self.step, "history": history, "sums": sums}
         write_tensors(path, tensors, note)
 
     def load(self, path: Path, mark: str) -> bool:
@@ -213,7 +215,8 @@ class _State:
                     if value is not None:
                         state[key] = value.to(parameter.device)
         self.generator.set_state(tensors["generator"])
-        self.step, self.history, self.sums = note["step"], note["history"], note["sums"]
+        self.step, self.sums = note["step"], dict(note["sums"])
+        self.history = [dict(row) for row in note["history"]]
         log.info("resuming at step %d from %s", self.step, path)
         return True
 

@@ -23,7 +23,6 @@ import pinocchio as pin
 from s3le.onboard.hulls import corners
 from s3le.onboard.motion import convex
 from s3le.onboard.source import Source
-from s3le.robot.bounded import _about
 from s3le.robot.model import Geometry
 
 NEVER = 0.0005  # [m], links that are never nearer never meet; paths between poses keep no more
@@ -181,5 +180,5 @@ def _place(
         R = R @ joint.rotation
         axes.append(R @ joint.axis)
         origins.append(p)
-        R = R @ _about(joint.axis, np.array([angle]))[0]
+        R = R @ pin.exp3(joint.axis * angle)
     return R, p, axes, origins

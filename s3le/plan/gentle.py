@@ -21,7 +21,12 @@ _EVERY = 1.0 / 30.0  # [s], of rows so far apart; it grows as their square squar
 _BURSTS = 3  # times that rows are planned at each of these
 
 
-def jerks(time: np.ndarray, q: np.ndarray, v: np.ndarray | None = None) -> np.ndarray:
+def jerks(
+    time: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray | None = None,
+    lasts: np.ndarray | None = None,
+) -> np.ndarray:
     """How fast the acceleration changes from each to the next [rad/s^3], (k, n); empty: too short.
 
     Of a curve the mean acceleration of each step; of straight rows that at each row.
@@ -30,13 +35,14 @@ def jerks(time: np.ndarray, q: np.ndarray, v: np.ndarray | None = None) -> np.nd
         time: of the rows [s], (m,).
         q: [rad], (m, n).
         v: [rad/s], (m, n); None: joints go straight from row to row.
+        lasts: time in which the speed of these changes at each row; see limits.accelerations.
     """
     if v is not None:
         step = np.diff(time)
         return np.diff(np.diff(v, axis=0) / step[:, None], axis=0) / _between(step)[:, None]
     if len(time) < 4:
         return np.empty((0, q.shape[1]))
-    return np.diff(limits.accelerations(time, q), axis=0) / np.diff(time)[1:-1, None]
+    return np.diff(limits.accelerations(time, q, lasts), axis=0) / np.diff(time)[1:-1, None]
 
 
 def about(motions: Iterable[Motion], limit: float) -> dict[str, float | int | None]:
@@ -77,13 +83,9 @@ def ease(job: "_Job", limit: float) -> None:
 def _rough(job: "_Job", limit: float) -> np.ndarray:
     """Rows that take part in a change of acceleration beyond the limit, bool (m,)."""
     rough = np.zeros(len(job.q), bool)
-    if len(rough) < 4:
-        return rough
-    bends = limits.accelerations(job.times, job.q, job.lasts)
-    found = np.abs(np.diff(bends, axis=0)) / np.diff(job.times)[1:-1, None]
-    hit = (found > limit).any(axis=1)
+    hit = (np.abs(jerks(job.times, job.q, lasts=job.lasts)) > limit).any(axis=1)
     for shift in range(4):
-        rough[shift : len(rough) - 3 + shift] |= hit
+        rough[shift : shift + len(hit)] |= hit
     return rough
 
 

@@ -165,8 +165,9 @@ def _nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                                   np.full(len(a), t)]))  # fmt: skip
             ways.append(np.stack([np.full(len(a), t),
                                   np.clip(np.nan_to_num((b * t + f) / e), 0.0, 1.0)]))  # fmt: skip
-    s, t = np.stack(ways).transpose(1, 0, 2)  # (ways, n) each
-    apart = (y[:, 0] + t[..., None] * d2) - (x[:, 0] + s[..., None] * d1)
+        s, t = np.stack(ways).transpose(1, 0, 2)  # (ways, n) each
+        # Of parallel ones the inside gives inf or NaN.
+        apart = (y[:, 0] + t[..., None] * d2) - (x[:, 0] + s[..., None] * d1)
     square = _dot(apart, apart)
     square[~((s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0))] = np.inf  # catches NaN
     best = square.argmin(axis=0)
