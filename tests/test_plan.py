@@ -173,21 +173,51 @@ def g1() -> Robot:
     return Robot.load("g1")
 
 
-@pytest.mark.parametrize("seed", [0, 11, 20])
-def test_after_a_place_where_planning_fails_the_robot_is_where_it_is_wanted_again(seed):
-    # Two clear poses, limbs on each other's other sides, and a tenth of a second between them; the
-    # wanted pose never stands still, so that a robot which only chases it never catches up.
+def blocked(seed):
+    """Times and wanted poses of G1: two clear poses, limbs on each other's other sides.
+
+    A tenth of a second lies between them; the wanted pose never stands still, so that a robot which
+    only chases it never catches up.
+    """
     made, rng, rate = g1(), np.random.default_rng(seed), 120.0
     a, b = clear_poses(2, seed, made)
     times = even(360, rate)
     share = np.clip((times - 1.0) / 0.1, 0.0, 1.0)[:, None]
     waves = np.sin(2.0 * np.pi * rng.uniform(0.8, 1.6, made.n_dof) * times[:, None])
-    wanted = (1.0 - share) * a + share * b + 0.05 * waves
+    return times, (1.0 - share) * a + share * b + 0.05 * waves
+
+
+@pytest.mark.parametrize("seed", [0, 11, 20])
+def test_after_a_place_where_planning_fails_the_robot_is_where_it_is_wanted_again(seed):
+    made, (times, wanted) = g1(), blocked(seed)
     found = Planner(made).plan(times, wanted, skeleton=True)
     assert_holds(times, found.q, made=made)
     far = cosine_distance(*(batch.skeletons(made.chain, q) for q in (found.q, wanted)))
     assert far[-60:].mean() < 0.01
     assert far.mean() < 0.04  # 0.056 to 0.071 if only driven
+
+
+def test_a_plan_after_driving_is_not_taken_where_it_exceeds_a_limit(monkeypatch):
+    made, (times, wanted) = g1(), blocked(0)
+    around, past, seen = whole._Job.around, whole._Job.past, []
+    elbow = made.joint_names.index("left_elbow_joint")
+
+    def rough(self, start, stop):
+        around(self, start, stop)
+        if seen:
+            self.q[start + 3, elbow] += 0.008  # 230 rad/s^2, and clear
+            self.measure(start, start + 5)
+            seen.append(limits.broken(self.times, self.q, self.its.most).any())
+
+    def driving(self, row):
+        seen.append(False)
+        return past(self, row)
+
+    monkeypatch.setattr(whole._Job, "around", rough)
+    monkeypatch.setattr(whole._Job, "past", driving)
+    found = Planner(made).plan(times, wanted, skeleton=True)
+    assert any(seen)
+    assert_holds(times, found.q, made=made)
 
 
 @pytest.mark.parametrize(("room", "stops"), [(0.05, False), (0.3, True)])

@@ -109,8 +109,6 @@ class Planner:
     def warm_up(self, everything: bool = False) -> None:
         """Compile what a motion needs, or read it from the store, so that none waits for it.
 
-        The first time after an installation this takes a minute.
-
         Args:
             everything: what drives a robot past a place that no plan gets around, too. Few
                 motions need it; the first that does waits for it.
@@ -387,7 +385,9 @@ class _Job:
                 held = way.met or way.last == m - 1
                 if not held:
                     self.around(way.last + 1, way.last + 1 + self.reach)
-                    held = not self.close(first, min(way.last + 2 * self.reach, m)).any()
+                    back = min(way.last + 2 * self.reach, m)
+                    hard = limits.broken(self.times, self.q, its.most, self.lasts)[first:back]
+                    held = not (hard.any() or self.close(first, back).any())
                 changed = self._changed(planned, first)
                 end = max(end, changed)
                 if not held:
