@@ -61,7 +61,8 @@ def new(
         bool,
         typer.Option(
             "--finer",
-            help="Finer bodies where limbs pass; every pair but neighbours watched. Takes minutes.",
+            help="Finer bodies for every pair of links that come near, not only where the robot "
+            "could not stand or move; takes longer.",
         ),
     ] = False,
     hulls: Annotated[

@@ -233,7 +233,7 @@ class Guard:
             except S3leError as refusal:
                 if kept is not None:
                     break
-                tail = f" (with a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
+                tail = f" (a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
                 raise CertificateError(f"{name}: {refusal}{tail}") from None
             # Rows that planning hardly moved stay as they are, to the bit, if all holds so too.
             still = (np.abs(written - wanted) < SAME).all(axis=1)

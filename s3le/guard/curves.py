@@ -125,7 +125,7 @@ def nearest(its: Its, episode: Episode, progress: Progress | None = None) -> Mad
         except S3leError as refusal:
             if kept is not None:
                 break
-            tail = f" (with a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
+            tail = f" (a reserve of {reserve:.1g} rad, for the file rounds)" if turn else ""
             raise CertificateError(f"{episode.name}: {refusal}{tail}") from None
         if told:
             told(looks(m))

@@ -187,7 +187,7 @@ class _State:
                 for key, value in optimiser.state.get(named[name], {}).items():
                     tensors[f"adam.{key}.{name}"] = value
         tensors["generator"] = self.generator.get_state()
-        # As pairs: a note's keys are sorted, and the terms' order is that of the columns of a curve.
+        # As pairs: a note's keys are sorted, but terms in order are the columns of a curve.
         history, sums = [list(row.items()) for row in self.history], list(self.sums.items())
         note = {"mark": mark, "step": self.step, "history": history, "sums": sums}
         write_tensors(path, tensors, note)

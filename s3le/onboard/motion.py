@@ -24,6 +24,8 @@ BAND = 0.005  # [m] beyond the margin in which room counts already
 _WISHED = 0.009  # [m] the same in named poses
 OUT = 1  # of the named poses the one whose overlaps bodies may keep: arms held out
 _AIMED = 0.001  # [m] beyond the margin that capsules are to keep in a named pose
+TOUCH = 0.005  # [m], drawings nearer than this at a named pose touch
+GROWN = 1.1  # by which a robot file grows bodies before it asks whether they overlap at the anchor
 _TOUCH = 0.01  # [m] pieces as near in all named poses are built to each other
 _DEEP = 0.02  # [m] of room that counts as one
 _LEAN = np.radians(15.0)  # [rad] spread of trunk joints
@@ -215,17 +217,33 @@ class Room:
         taken = [np.maximum(free - far, 0.0) / _DEEP for far in (held, near.far)]
         return self.shown.weight[near.rows] * np.maximum(taken[0] - taken[1], 0.0)
 
-    def forbids(self, pair: tuple[int, int]) -> bool:
+    def forbids(self, pair: tuple[int, int], first: int | None = None) -> bool:
         """Do capsules of two pieces forbid a named pose, or nearly, and they themselves do not?
 
         Those that touch in all named poses are not asked: they are built so.
+
+        Args:
+            pair: of pieces.
+            first: so many of the named poses are asked; None: all.
         """
         near = self.near[pair]
-        named = near.rows < self.shown.named
+        named = near.rows < (self.shown.named if first is None else first)
         if near.tied or not named.any():
             return False
         held = self.apart(self.pieces[pair[0]], self.pieces[pair[1]], near.rows[named])
         return bool((held < np.minimum(self.margin + _AIMED, near.far[named])).any())
+
+    def overlap(self, pair: tuple[int, int]) -> bool:
+        """Do capsules of two pieces overlap, grown, where arms are held out and they are apart?"""
+        near = self.near[pair]
+        if near.tied or not (near.far[near.rows == OUT] > TOUCH).any():
+            return False
+        one, two = (
+            replace(self.pieces[k], capsules=[
+                c._replace(radius=GROWN * c.radius) for c in self.pieces[k].capsules
+            ]) for k in pair
+        )  # fmt: skip
+        return bool(self.apart(one, two, np.array([OUT]))[0] <= 0.0)
 
     def cost(self, pair: tuple[int, int]) -> float:
         """The room of a pair, over all poses."""

@@ -4,7 +4,7 @@ import contextlib
 import os
 import re
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,16 +18,14 @@ from s3le.onboard import (
     covering,
     hulls,
     limbs,
-    motion,
     reading,
     source,
     stand,
     strength,
-    tight,
-    touching,
 )
 from s3le.onboard.plan import Plan
 from s3le.onboard.tree import Tree
+from s3le.onboard.watched import Asked, Settling
 from s3le.robot import model, sense, srdf
 from s3le.robot.robot import Robot, bones_of
 from s3le.safety import covered
@@ -35,7 +33,6 @@ from s3le.store.atomic import replace
 
 TURNED = 0.01  # chord of a unit vector; a joint that moves none farther drops out
 SPEED = np.pi  # [rad/s] where the URDF names no limit that can be one
-_FREE = 0.006  # [m] beyond the margin that parts keep where arms hang: capsules are no hulls
 FASTEST = 60.0  # [rad/s] a limit beyond is a placeholder
 
 
@@ -133,59 +130,11 @@ def propose(
         robot = plan.load(Path(folder))
         sense.refuse_nonsense(robot)
         poses = origin.poses | (stand.named(srdf_file) if srdf_file else {})
-        work = tight.Work(origin, robot, made, margin, tight.MOST)
-        standing, out = _standing(robot, neck, work, poses, margin)
-        plan.stand = dict(zip(robot.joint_names, standing.q.tolist(), strict=True))
-        if finer:
-            if never := touching.never(
-                robot, origin, work.pieces, motion.poses(robot, [standing.q, out], 1.0), margin
-            ):
-                files[f"urdf/{name}.srdf"] = srdf.text(name, robot.disabled | never).encode()
-                work.robot = robot = plan.load(Path(folder))
-                sure.append(
-                    "bodies overlap, but hulls of all that is drawn are proven apart at any "
-                    "angles, so these are taken off in the SRDF: "
-                    + ", ".join(" and ".join(sorted(pair)) for pair in never)
-                )
-            pairs, said = work.tighten([standing.q, out, anchor.zero(robot)])
-            plan.finer, plan.baselines = sorted(map(sorted, pairs)), True
-            sure += said
-            drawn = covering.measure(origin.model, origin.root, origin.drawn, list(origin.unread))
-            record = covered.Record(allowance, tuple(drawn.values()))
-            covered.mark(origin.root, record)
-            text = source.text(origin.root)
-            files[f"urdf/{name}.urdf"] = text.encode()
-            robot = plan.load(Path(folder))
+        asked = Asked(Path(urdf), margin, neck, allowance, finer)
+        settling = Settling(plan, Path(folder), origin, made, record, asked, sure, look)
+        best = settling.settle(poses)
         if with_hulls:
             files[f"urdf/{name}.hulls.npz"] = hulls.pack(origin)
-        best = anchor.search(robot, neck)
-        if best is None and (always := anchor.always(robot, neck)):
-            look.append(
-                "these overlap in every pose that was asked, although what lies between them "
-                "does not, and are taken off in the SRDF: "
-                + ", ".join(" and ".join(sorted(pair)) for pair in always)
-            )
-            kept = robot.disabled | dict.fromkeys(always, "Always, by sampling")
-            files[f"urdf/{name}.srdf"] = srdf.text(name, kept).encode()
-            robot = plan.load(Path(folder))
-            best = anchor.search(robot, neck)
-        if best is None or best.clearance < margin:
-            raise RobotError(
-                f"{urdf}: of {anchor.ASKED} poses none is feasible, so there is no anchor; its "
-                "bodies overlap everywhere: more capsules (--capsules 8), spheres (--spheres) or "
-                "an SRDF may free them"
-            )
-        plan.anchor = {
-            joint: float(angle)
-            for joint, angle in zip(robot.joint_names, best.q, strict=True) if angle != 0.0
-        }  # fmt: skip
-        if finer:
-            robot = plan.load(Path(folder))
-            taken, said = _touching(robot, work, [standing.q, out])
-            look += said
-            if taken:
-                files[f"urdf/{name}.srdf"] = srdf.text(name, robot.disabled | taken).encode()
-        sure.append(f"stand: {standing.how}")
         strong = strength.find(origin, plan.load(Path(folder)))
         sure, look = sure + strong.sure, look + strong.look
         plan.acceleration = strong.acceleration
@@ -197,36 +146,7 @@ def propose(
         f"anchor: {best.how}, {best.clearance * 1e3:.0f} mm clear, "
         f"{best.overlaps} pairs overlap there and are not watched"
     )
-    return Proposal(name, Path(urdf), made, record, best, sure, look, files)
-
-
-def _touching(
-    robot: model.Geometry, work: tight.Work, named: Sequence[np.ndarray]
-) -> tuple[dict[frozenset[str], str], list[str]]:
-    """Pairs of links that touch by design and are taken off, why; and what to look at."""
-    taken, look = {}, []
-    shown = motion.poses(robot, [robot.anchor, *named], 1.0)
-    for one in touching.locked(robot, work.pieces, shown, work.margin):
-        names = " and ".join(sorted(one.links))
-        if one.touches:
-            taken[one.links] = one.why()
-            look.append(f"{names} are taken off in the SRDF: {one.why()}")
-        else:
-            look.append(
-                f"{names}: their bodies overlap, though the drawings are {one.gap[0] * 1e3:.0f} mm "
-                f"apart; held to that, {one.share:.0%} of poses as people move are forbidden"
-            )
-    return taken, look
-
-
-def _standing(
-    robot: model.Geometry, neck: str, work: tight.Work, poses: Mapping[str, Mapping[str, float]],
-    margin: float,
-) -> tuple[stand.Stand, np.ndarray]:  # fmt: skip
-    """How the robot stands, and a pose with its arms held out (zero where it has none)."""
-    out = next((q for _, q in anchor.candidates(robot, neck)), anchor.zero(robot))
-    clear = motion.clearance(robot, work.pieces, out, frozenset(robot.disabled))
-    return stand.propose(robot, poses, clear, margin + _FREE), out
+    return Proposal(name, Path(urdf), made, settling.record, best, sure, look, files)
 
 
 @contextlib.contextmanager

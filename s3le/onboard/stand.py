@@ -24,6 +24,7 @@ class Stand(NamedTuple):
 
     q: np.ndarray  # [rad], (n_dof,)
     how: str
+    hangs: bool  # arms were let down here; False: its file has the pose
 
 
 def named(file: Path) -> dict[str, dict[str, float]]:
@@ -66,16 +67,16 @@ def propose(
         inside = np.abs(q - angles).max() < _OFF
         if inside and hanging(robot, q) >= HANGS and clear(q) >= margin:
             q = np.clip(np.round(q, 4), robot.lower, robot.upper)
-            return Stand(q, f"'{name}' of its file")
+            return Stand(q, f"'{name}' of its file", False)
     best: tuple[float, Stand] | None = None
     for away in _AWAY:
         q = _hung(robot, away)
         room = clear(q)
         how = "arms hanging" + (f", {np.degrees(away):.0f} deg outwards" if away else "")
         if best is None or room > best[0]:
-            best = (room, Stand(q, how))
+            best = (room, Stand(q, how, True))
         if room >= margin:
-            return Stand(q, how)
+            return Stand(q, how, True)
     assert best is not None
     return best[1]
 

@@ -2,13 +2,14 @@
 
 Room is what capsules forbid and the pieces themselves do not, over poses as people move, the stand,
 zero, and the T-pose. A pair of links whose usual bodies take some is watched by finer ones
-(s3le.robot.pairs). There every piece begins with one capsule, and the piece that gains the most
-room for each pair of bodies that another capsule adds gets one more, until none gains enough.
+(s3le.robot.pairs). There every piece begins as it is, and the piece that gains the most room for
+each pair of bodies that another capsule adds gets one more, until none gains enough.
 """
 
 import copy
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -62,31 +63,39 @@ class Work:
         self.parts: dict[int, list[Part]] = {}  # as they are now
         self.ahead: dict[int, list[list[Part]]] = {}  # ways to go on from there
 
-    def tighten(self, named: Sequence[np.ndarray]) -> tuple[set[frozenset[str]], list[str]]:
+    def tighten(
+        self, named: Sequence[np.ndarray], every: bool
+    ) -> tuple[set[frozenset[str]], list[str]]:
         """Put finer bodies into the URDF's elements, and say for which pairs of links.
 
         Args:
             named: poses that matter most [rad], (n_dof,): the stand, arms held out, zero.
+            every: for all pairs of links that come near; False: for those whose usual bodies forbid
+                the stand, or overlap although the links are apart where arms are held out.
 
         Returns:
             Pairs of links that are to be watched by their finer bodies, and a line for a person.
         """
         shown = motion.poses(self.robot, named, _NAMED)
         off = frozenset(self.robot.disabled)
+        self.standing: set[frozenset[str]] = set()
+        if not every:
+            off |= self._beside(shown, off)
         coarse = [piece.capsules for piece in self.pieces]
         self.room = room = motion.Room(self.robot, self.pieces, shown, self.margin, off)
         for k, one in enumerate(self.pieces):
             if not one.exact:
                 self.splits[k] = Splitter(self.shape[k].triangles.reshape(-1, 3))
-                self._settle(k, [self.splits[k].whole()])
+                self._settle(k, self._begin(k))
         room.measure()
         single = [piece.capsules for piece in self.pieces]
         self._hold(coarse)
         taken = {self._links(pair): 0.0 for pair in room.near}
         for pair in room.near:
             taken[self._links(pair)] += room.cost(pair) + room.forbids(pair)
+        least = FINER if every else 0.0
         room.near = {
-            pair: near for pair, near in room.near.items() if taken[self._links(pair)] > FINER
+            pair: near for pair, near in room.near.items() if taken[self._links(pair)] > least
         }
         before = sum(room.cost(pair) for pair in room.near)
         self._hold(single)
@@ -97,10 +106,10 @@ class Work:
             ways, weights = room.sides(k, WAYS @ turn.T)
             self.splits[k].look(ways @ turn, weights)
         self.grow(WORTH, asked)
-        for k in sorted({k for pair in room.near if room.forbids(pair) for k in pair} & asked):
+        for k in sorted({k for pair in room.near if self._forbids(pair) for k in pair} & asked):
             self._regrid(k, coarse[k])
         for _ in range(_INSISTS):
-            held = [pair for pair in room.near if room.forbids(pair)]
+            held = [pair for pair in room.near if self._forbids(pair)]
             worst = sorted(held, key=lambda pair: -self.cost[pair])
             if not any(self._insist(pair) for pair in worst):
                 break
@@ -113,6 +122,28 @@ class Work:
             f"bodies: {count} finer ones for {len(finer)} pairs of links that come near; what they "
             f"take of the room that people use fell from {before:.2f} to {after:.2f}"
         ]
+
+    def _beside(self, shown: motion.Shown, off: frozenset[frozenset[str]]) -> set[frozenset[str]]:
+        """Pairs of links whose usual bodies are left as they are."""
+        named = shown._replace(q=shown.q[: shown.named], weight=shown.weight[: shown.named])
+        room = motion.Room(self.robot, self.pieces, named, self.margin, off)
+        room.measure()
+        self.standing = {self._links(pair) for pair in room.near if room.forbids(pair, 1)}
+        overlap = {self._links(pair) for pair in room.near if room.overlap(pair)}
+        self.standing -= overlap
+        two = combinations((piece.link for piece in self.pieces), 2)
+        return {frozenset(links) for links in two} - self.standing - overlap
+
+    def _forbids(self, pair: tuple[int, int]) -> bool:
+        """Do bodies forbid a named pose? Of some pairs the stand alone is asked."""
+        return self.room.forbids(pair, 1 if self._links(pair) in self.standing else None)
+
+    def _begin(self, k: int) -> list[Part]:
+        """A piece as its usual bodies hold it, or in the one capsule that reaches less far."""
+        splitter, own = self.splits[k], self.made[self.slot[k]]
+        usual = [Part(p, c) for p, c in zip(own.points, own.capsules, strict=True)]
+        ways = [way for way in (usual, [splitter.whole()]) if way]
+        return min(ways, key=lambda way: splitter.furthest([part.capsule for part in way]))
 
     def _hold(self, capsules: Sequence[list[Capsule]]) -> None:
         for piece, held in zip(self.pieces, capsules, strict=True):
@@ -138,7 +169,7 @@ class Work:
 
         def worth(parts: list[Part]) -> float:
             self._put(k, parts)
-            held = sum(_FORBIDS * self.room.forbids(pair) for pair in pairs)
+            held = sum(_FORBIDS * self._forbids(pair) for pair in pairs)
             return sum(map(self.room.cost, pairs)) + held + WORTH * len(parts) * self.price(k)
 
         pairs = self.room.partners(k)
@@ -264,6 +295,14 @@ class Work:
                 found[piece.link].append(item)
                 count += 1
         return count
+
+
+def drop(source: Source) -> None:
+    """Take all finer bodies out of the URDF's elements."""
+    for link in source.root.findall("link"):
+        for item in link.findall("collision"):
+            if item.get("name") == FINE:
+                link.remove(item)
 
 
 def remade(old: Made, shape: Shape, parts: Sequence[Part]) -> Made:

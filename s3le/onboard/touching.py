@@ -7,7 +7,7 @@ drawings overlap, and every certificate lists them as not covered. Before anythi
 whose bodies overlap although the links never meet at any angles (apart.py).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from s3le.robot import chain, pairs
 from s3le.robot.model import Geometry
 
 LOCKED = 0.01  # of poses as people move that a pair may forbid before it counts as locked
-TOUCH = 0.005  # [m], drawings nearer than this at a named pose touch
+LOST = 0.1  # likewise of poses in which the drawings of a pair that need not be watched are apart
 
 
 class Locked(NamedTuple):
@@ -30,20 +30,32 @@ class Locked(NamedTuple):
 
     links: frozenset[str]
     share: float  # of the poses that it forbids
+    lost: float  # of the poses that it forbids although the drawings keep the margin
     gap: tuple[float, float]  # [m], least distance of the drawings in named poses, and in any seen
 
     @property
     def touches(self) -> bool:
         """Do the drawings touch where the robot stands? Then it was built so."""
-        return self.gap[0] < TOUCH
+        return self.gap[0] < motion.TOUCH
+
+    @property
+    def off(self) -> bool:
+        """Is it better not watched?"""
+        return self.touches or self.lost > LOST
 
     def why(self) -> str:
-        """Why it is not watched, in a few words."""
+        """What is wrong with it, in a few words."""
         deep = -self.gap[1] * 1e3
         drawn = f"overlap by up to {deep:.0f} mm" if deep > 0.0 else f"come within {-deep:.1f} mm"
+        if self.touches:
+            return (
+                f"touch by design: hulls of the drawings {drawn}; watched, {self.share:.0%} of "
+                "poses would be forbidden"
+            )
         return (
-            f"touch by design: hulls of the drawings {drawn}; watched, {self.share:.0%} of poses "
-            "would be forbidden"
+            f"bodies overlap where drawings are {self.gap[0] * 1e3:.0f} mm apart (they {drawn}); "
+            f"watched, {self.lost:.0%} of poses {'would be' if self.off else 'are'} forbidden for "
+            "nothing"
         )
 
 
@@ -84,42 +96,62 @@ def never(
     return found
 
 
-def locked(robot: Geometry, pieces: Sequence[Piece], shown: Shown, margin: float) -> list[Locked]:
-    """Pairs of links that are held to a baseline and forbid many poses.
+def locked(
+    robot: Geometry,
+    pieces: Sequence[Piece],
+    shown: Shown,
+    margin: float,
+    usual: Collection[frozenset[str]],
+) -> list[Locked]:
+    """Pairs of links whose bodies overlap where the robot stands, and that forbid many poses.
 
     Args:
         robot: with its anchor.
         pieces: its parts as they are drawn.
         shown: poses as people move, named ones first.
         margin: what a pair that is not held to its baseline keeps [m].
+        usual: pairs of links whose usual bodies overlap at the anchor.
     """
+
+    def links(pair: pairs.Pair) -> frozenset[str]:
+        return frozenset((robot.bodies[pair.a].link, robot.bodies[pair.b].link))
+
+    def floor(pair: pairs.Pair) -> float:
+        return pair.baseline - pairs.RESTING if pair.reason == pairs.BASELINE else margin
+
+    listed = pairs.all_pairs(robot)
+    spared = set(usual) - {links(pair) for pair in listed if pair.reason == pairs.NEIGHBOURS}
     held = [
-        pair for pair in pairs.all_pairs(robot)
+        pair for pair in listed
         if pair.reason == pairs.BASELINE and pair.baseline < margin
+        or pair.reason in pairs.KEPT and links(pair) in spared
     ]  # fmt: skip
     if not held:
         return []
-    listed = np.array([(pair.a, pair.b) for pair in held])
-    apart = batch.pair_distances(chain.build(robot, listed, "midpoint"), shown.q[shown.named :])
-    deeper = apart < np.array([p.baseline for p in held]) - pairs.RESTING
-    links = [frozenset((robot.bodies[p.a].link, robot.bodies[p.b].link)) for p in held]
+    shape = chain.build(robot, np.array([(pair.a, pair.b) for pair in held]), "midpoint")
+    apart = batch.pair_distances(shape, shown.q[shown.named :])
+    under = apart < [min(floor(pair), margin) for pair in held]
     found = []
-    for two in dict.fromkeys(links):
-        share = float(deeper[:, [link == two for link in links]].any(axis=1).mean())
-        if share > LOCKED:
-            found.append(Locked(two, share, _gap(robot, pieces, two, shown)))
+    for two in dict.fromkeys(map(links, held)):
+        bad = under[:, [links(pair) == two for pair in held]].any(axis=1)
+        if bad.mean() > LOCKED:
+            far = _far(robot, pieces, two, shown.q)
+            own, others = far[: shown.named], far[shown.named :]
+            lost = float((bad & (others >= margin)).mean())
+            gap = float(own.min()), float(far.min())
+            found.append(Locked(two, float(bad.mean()), lost, gap))
     return found
 
 
-def _gap(
-    robot: Geometry, pieces: Sequence[Piece], links: frozenset[str], shown: Shown
-) -> tuple[float, float]:
-    """Least distance of the pieces of two links at the named poses, and at some others too."""
+def _far(
+    robot: Geometry, pieces: Sequence[Piece], links: frozenset[str], q: np.ndarray
+) -> np.ndarray:
+    """Distance of the pieces of two links at poses (n, n_dof) [rad]: [m], (n,)."""
     model, _ = robot.reduced()
     data = model.createData()
     one, other = ([piece for piece in pieces if piece.link == link] for link in sorted(links))
     found = []
-    for q in shown.q[: shown.named + 100]:
-        pin.forwardKinematics(model, data, q)
+    for pose in q:
+        pin.forwardKinematics(model, data, pose)
         found.append(motion.nearest(data, one, other))
-    return float(min(found[: shown.named])), float(min(found))
+    return np.array(found)
