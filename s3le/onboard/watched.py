@@ -161,7 +161,7 @@ class Settling:
         shown = motion.poses(robot, [robot.anchor, *named[:2]], 1.0)
         return touching.locked(robot, work.pieces, shown, work.margin, overlap)
 
-    def _off(self, robot: model.Geometry, taken: Mapping[frozenset[str], str]) -> None:
+    def _off(self, robot: model.Geometry, taken: dict[frozenset[str], str]) -> None:
         """Take pairs of links off, by the plan's SRDF, beside those of a robot."""
         if taken:
             text = srdf.text(self.plan.name, robot.disabled | taken)
