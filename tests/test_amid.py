@@ -52,7 +52,14 @@ def arms_only():
     own = tuple(name for name in text.joints if name not in WAIST)
     anchor = {name: angle for name, angle in text.anchor.items() if name in own}
     made = model.from_description(
-        replace(text, joints=own, anchor=anchor, hold=text.hold | dict.fromkeys(WAIST, 0.0))
+        replace(
+            text,
+            joints=own,
+            anchor=anchor,
+            hold=text.hold | dict.fromkeys(WAIST, 0.0),
+            stand={},
+            acceleration={},
+        )
     )
     return Robot._settled(made, text.source, MARGIN, g1().neck)
 

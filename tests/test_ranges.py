@@ -1,6 +1,7 @@
 """Joints that others move in ranges, any way: bodies contain all that theirs sweep."""
 
 import json
+import shutil
 from functools import cache
 
 import numpy as np
@@ -38,8 +39,7 @@ def standing(factor=1.0):
 def written(folder, given, **changed):
     """A robot file of G1 with ranges."""
     tree = yaml.safe_load(FILE.read_text("utf-8")) | {"given": given} | changed
-    tree["urdf"] = "g1.urdf"
-    (folder / "g1.urdf").write_bytes((FILE.parent / "urdf/g1.urdf").read_bytes())
+    shutil.copytree(FILE.parent / "urdf", folder / "urdf", dirs_exist_ok=True)
     file = folder / "mine.yaml"
     file.write_text(yaml.safe_dump(tree), "utf-8")
     return file
@@ -166,10 +166,10 @@ def test_a_range_of_a_joint_that_carries_ours_is_refused(tmp_path):
 def test_a_range_of_a_joint_that_mimics_or_is_mimicked_is_refused(tmp_path, ranged):
     """The other one would move too, where nobody looks."""
     file = written(tmp_path, {ranged: [0.0, 0.5]})
-    text = (tmp_path / "g1.urdf").read_text("utf-8")
+    text = (tmp_path / "urdf/g1.urdf").read_text("utf-8")
     head, tail = text.split('<joint name="right_knee_joint"', 1)
     tail = tail.replace("</joint>", '<mimic joint="left_knee_joint"/></joint>', 1)
-    (tmp_path / "g1.urdf").write_text(f'{head}<joint name="right_knee_joint"{tail}', "utf-8")
+    (tmp_path / "urdf/g1.urdf").write_text(f'{head}<joint name="right_knee_joint"{tail}', "utf-8")
     with pytest.raises(RobotError, match="mimics 'left_knee_joint'"):
         Robot.load(file)
 

@@ -14,7 +14,7 @@ from s3le.cli import shell
 from s3le.cli.main import app
 from s3le.errors import RobotError
 from s3le.kernels import batch
-from s3le.onboard import motion, propose, splitting, stand, survey
+from s3le.onboard import motion, propose, splitting, stand, survey, tight, watched
 from s3le.report import robot as picture
 from s3le.robot.robot import Robot
 
@@ -40,8 +40,11 @@ def deep(tmp_path_factory) -> Robot:
 
 @pytest.fixture(scope="module")
 def fat(tmp_path_factory) -> Robot:
-    """The same with one capsule for each piece."""
-    return new(tmp_path_factory.mktemp("fat"), DEEP, with_hulls=True, most=1).robot
+    """The same with one capsule for each piece, and where it stands although they forbid it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tight.Work, "tighten", lambda *_: (set(), []))
+        patch.setattr(watched.Settling, "_farther", lambda *_: None)
+        return new(tmp_path_factory.mktemp("fat"), DEEP, with_hulls=True, most=1).robot
 
 
 # --- how it stands

@@ -7,6 +7,7 @@ each pair of bodies that another capsule adds gets one more, until none gains en
 """
 
 import copy
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -14,7 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from s3le.onboard import motion
-from s3le.onboard.bodies import Made, element, rebuilt
+from s3le.onboard.bodies import DIGITS, Made, element, rebuilt
 from s3le.onboard.capsules import Capsule, hull_volume, reach_beyond, to_segment
 from s3le.onboard.covering import bodies_of
 from s3le.onboard.source import Shape, Source
@@ -295,6 +296,16 @@ class Work:
                 found[piece.link].append(item)
                 count += 1
         return count
+
+
+def thicken(source: Source, link: str, by: float) -> None:
+    """Add to the radii of a link's finer bodies [m], so that they hold more of what is drawn."""
+    (found,) = (one for one in source.root.findall("link") if one.get("name") == link)
+    for item in found.findall("collision"):
+        shape = item.find("geometry/*")
+        if item.get("name") == FINE and shape is not None and shape.tag in ("capsule", "sphere"):
+            radius = float(shape.get("radius", "0")) + by
+            shape.set("radius", f"{math.ceil(radius * 10**DIGITS) / 10**DIGITS:.{DIGITS}f}")
 
 
 def drop(source: Source) -> None:

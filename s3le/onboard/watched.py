@@ -49,6 +49,7 @@ class Settling:
     asked: Asked
     sure: list[str]
     look: list[str]
+    _cut: bool = False  # finer bodies were made, even if they were taken back
 
     def settle(self, poses: Mapping[str, Mapping[str, float]]) -> anchor.Found:
         """Settle stand, finer bodies, pairs and anchor.
@@ -121,12 +122,25 @@ class Settling:
         work = tight.Work(origin, plan.load(self.folder), self.made, margin, tight.MOST)
         finer, self._said = work.tighten(named, self.asked.finer)
         plan.finer = sorted(map(sorted, finer))
-        if finer:
-            drawn = covering.measure(origin.model, origin.root, origin.drawn, list(origin.unread))
-            self.record = covered.Record(self.asked.allowance, tuple(drawn.values()))
-            covered.mark(origin.root, self.record)
+        if finer or self._cut:
+            self._cut = True
+            self._measure({link for pair in finer for link in pair})
         plan.files[f"urdf/{plan.name}.urdf"] = source.text(origin.root).encode()
         return self._anchor(plan.load(self.folder)), work
+
+    def _measure(self, cut: set[str]) -> None:
+        """Hold all bodies against what is drawn anew, those of links that have finer ones too.
+
+        Usual bodies may hold of a drawing what its collision shapes do not, and finer ones less.
+        """
+        origin, allowance = self.origin, self.asked.allowance
+        for again in (True, False):
+            drawn = covering.measure(origin.model, origin.root, origin.drawn, list(origin.unread))
+            for link in sorted(cut & set(drawn)) if again else ():
+                if (over := drawn[link].reach - allowance) > 0.0:
+                    tight.thicken(origin, link, over)
+        self.record = covered.Record(allowance, tuple(drawn.values()))
+        covered.mark(origin.root, self.record)
 
     def _anchor(self, robot: model.Geometry) -> anchor.Found:
         plan, neck = self.plan, self.asked.neck
