@@ -19,7 +19,7 @@ from solids import Solids, original
 
 from s3le.errors import S3leError
 from s3le.kernels import batch
-from s3le.onboard import anchor, motion, propose
+from s3le.onboard import anchor, motion, watched
 from s3le.robot.robot import Robot
 
 
@@ -44,7 +44,7 @@ def line(robot: Robot, solids: Solids) -> str:
     how, q = "its file's", robot.stand
     out = next((q for _, q in anchor.candidates(robot, robot.neck)), anchor.zero(robot))
     if q is None:
-        found, out = propose._standing(
+        found, out, _ = watched.standing(
             robot, robot.neck, solids.work, solids.origin.poses, robot.margin
         )
         how, q = found.how, found.q

@@ -6,7 +6,7 @@ pair is taken off, and said.
 """
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,14 +88,11 @@ class Settling:
     def _standing(
         self, robot: model.Geometry, poses: Mapping[str, Mapping[str, float]]
     ) -> tuple[tight.Work, list[np.ndarray]]:
-        """How it stands; and that pose, one with its arms held out (zero if it has none), zero."""
-        zero = anchor.zero(robot)
-        out = next((q for _, q in anchor.candidates(robot, self.asked.neck)), zero)
+        """How it stands; and that pose, one with its arms held out, zero."""
         work = tight.Work(self.origin, robot, self.made, self.asked.margin, tight.MOST)
-        self._clear = motion.clearance(robot, work.pieces, out, frozenset(robot.disabled))
-        found = stand.propose(robot, poses, self._clear, self.asked.margin + _FREE)
+        found, out, self._clear = standing(robot, self.asked.neck, work, poses, self.asked.margin)
         self._stands(robot, found)
-        return work, [found.q, out, zero]
+        return work, [found.q, out, anchor.zero(robot)]
 
     def _stands(self, robot: model.Geometry, found: stand.Stand) -> None:
         self.plan.stand = dict(zip(robot.joint_names, found.q.tolist(), strict=True))
@@ -180,6 +177,31 @@ class Settling:
         if taken:
             text = srdf.text(self.plan.name, robot.disabled | taken)
             self.plan.files[f"urdf/{self.plan.name}.srdf"] = text.encode()
+
+
+def standing(
+    robot: model.Geometry,
+    neck: str,
+    work: tight.Work,
+    poses: Mapping[str, Mapping[str, float]],
+    margin: float,
+) -> tuple[stand.Stand, np.ndarray, Callable[[np.ndarray], float]]:
+    """How a robot may stand by its parts as they are drawn.
+
+    Args:
+        robot: its anchor may be anything.
+        neck: skeleton.NECKS.
+        work: its parts.
+        poses: that its files hold, by name: joint -> angle [rad].
+        margin: clearance that poses keep [m].
+
+    Returns:
+        The stand; a pose with its arms held out, zero where there is none [rad], (n_dof,); and what
+        measures how far parts are apart [m], see motion.clearance.
+    """
+    out = next((q for _, q in anchor.candidates(robot, neck)), anchor.zero(robot))
+    clear = motion.clearance(robot, work.pieces, out, frozenset(robot.disabled))
+    return stand.propose(robot, poses, clear, margin + _FREE), out, clear
 
 
 def _listed(links: Collection[frozenset[str]]) -> str:
