@@ -5,8 +5,9 @@ file's URDF, MuJoCo on its own. Watched or not does not matter: measured is ever
 can move against each other, but neighbours (no other drawn link lies between the two in the tree).
 Pairs whose spheres are farther apart than FAR are passed over; that is a bound, not a guess.
 
-A pair may overlap as it was drawn: a shoulder in its socket. How deep it does at the anchor, at
-the stand pose and at zero is its own baseline, and what counts is deeper than that by `SAME`.
+A pair may overlap as it was drawn: a shoulder in its socket. How deep it does at the anchor, and at
+the stand pose and zero where these are certified, is its own baseline; what counts is deeper by
+`SAME`.
 """
 
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from s3le.robot.pairs import BASELINE, BOUNDED
 from s3le.robot.robot import Robot
 from s3le.safety import covered
 
@@ -160,10 +162,12 @@ class Mujoco:
 
 
 def baseline(engine: Coal | Mujoco) -> np.ndarray:
-    """How deep each pair overlaps at anchor, stand pose and zero: its least distance [m]."""
+    """How deep each pair overlaps as drawn: its least distance [m], at most 0."""
     robot = engine.hulls.robot
     zero = np.clip(np.zeros(robot.n_dof), robot.lower, robot.upper)
-    poses = [robot.anchor, zero, *([] if robot.stand is None else [robot.stand])]
+    certifier = robot.certifier()
+    others = [zero, *([] if robot.stand is None else [robot.stand])]
+    poses = [robot.anchor, *(q for q in others if certifier.one(q)[0] >= robot.margin)]
     least = np.full(len(engine.hulls.pairs), FAR)
     for q in poses:
         rows, apart = engine.measure(q)
@@ -185,9 +189,16 @@ def judge(engine: Coal | Mujoco, q: np.ndarray) -> Verdict:
 
 
 def claimed(hulls: Hulls, rows: np.ndarray) -> list[str]:
-    """Which of these pairs a certificate speaks of: watched, and of links that bodies cover."""
+    """Which of these pairs a certificate says are apart: watched, of links that bodies cover.
+
+    Of pairs that overlap by design it says how deep their bodies do, and not their drawings.
+    """
     robot = hulls.robot
     bare = {frozenset(body.rpartition("_")[0] for body in pair[:2]) for pair in robot.unwatched()}
+    bare |= {
+        frozenset((robot.bodies[pair.a].link, robot.bodies[pair.b].link))
+        for pair in robot.pairs if pair.reason in (BASELINE, BOUNDED)
+    }  # fmt: skip
     record = covered.read(robot)
     beyond = {item.link for item in record.beyond} if record else set()
     pairs = [hulls.links(int(row)) for row in rows]
