@@ -1,11 +1,14 @@
 """What `robot new` watches: the robot stands and moves, and no more than it must is passed over."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from figures import figure
 from onboarded import new
 from worlds import MARGIN
 
+from s3le.cli import audit
 from s3le.onboard import stand, tight, touching
 from s3le.robot import pairs
 
@@ -64,6 +67,25 @@ def test_where_bodies_forbid_the_stand_all_the_same_arms_hang_farther_outwards(
     down = [stand.hanging(robot, robot.stand) for robot in (free.robot, held.robot)]
     assert down[0] > down[1] > stand.HANGS
     assert any(line.startswith("stand: arms hanging, ") for line in held.proposal.sure)
+
+
+@pytest.mark.parametrize(
+    ("reason", "shared", "own"),
+    [
+        ("disabled by the SRDF (touch; watched, 62% of poses would be forbidden)", ..., ""),
+        ("overlap at the anchor, and given joints alone move them", ..., ""),
+        ("neighbours on both sides of a joint, seen to overlap by 1 to 3 mm over its range",
+         "neighbours on both sides of a joint", ": seen to overlap by 1 to 3 mm over its range"),
+        ("overlap by design, proven so, 12.1 mm deep", "overlap by design, proven so",
+         ": 12.1 mm deep"),
+    ],
+)  # fmt: skip
+def test_the_audit_tells_a_reason_once_and_the_numbers_of_each_pair(reason, shared, own):
+    robot = SimpleNamespace(unwatched=lambda: [("a", "b", "", reason), ("a", "c", "", reason)])
+    shared = reason if shared is ... else shared
+    assert audit._closing(robot, [], [])[:3] == [
+        f"not covered, 2 pairs ({shared}):", f"  a and b{own}", f"  a and c{own}"
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("lost", [0.05, 0.2])

@@ -1,6 +1,7 @@
 """`s3le audit`: does a trajectory hold, whoever made it?"""
 
 import json
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -312,6 +313,9 @@ def _open(check: "Check") -> str:
     return f", {check.undecided} not decided" if check.undecided else ""
 
 
+_NUMBERS = re.compile(r", (seen to overlap by .+|[0-9.]+ mm (?:deep|apart))$")  # of pairs.told
+
+
 def _closing(
     robot: "Robot", bodies: "Iterable[WholeBody]", told: list[dict[str, Any]]
 ) -> list[str]:
@@ -320,8 +324,9 @@ def _closing(
     by_reason: dict[str, list[str]] = {}
     further = [pair for body in bodies for pair in body.unwatched()]
     for a, b, _, reason in dict.fromkeys([*robot.unwatched(), *further]):
-        why, _, numbers = reason.partition(", ")
-        by_reason.setdefault(why, []).append(f"{a} and {b}" + (f": {numbers}" if numbers else ""))
+        own = _NUMBERS.search(reason)  # each pair's own, after what it has in common with others
+        why, numbers = (reason[: own.start()], f": {own[1]}") if own else (reason, "")
+        by_reason.setdefault(why, []).append(f"{a} and {b}{numbers}")
     for reason, pairs in by_reason.items():
         lines.append(f"not covered, {len(pairs)} pairs ({reason}):")
         lines += [f"  {pair}" for pair in pairs]
