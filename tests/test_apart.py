@@ -219,7 +219,7 @@ def test_a_robot_of_capsules_loses_nothing_and_one_in_a_fat_torso_does(
         lost.append(float((found.lost > rooms.share.FARTHER).mean()))
         named = rooms.share.blamed(robot, found)
         assert (lost[-1] == 0.0) == (not named)
-    assert lost[0] == 0.0 and lost[1] > 0.1
+    assert lost[0] == 0.0 and lost[1] > 0.1  # though it has finer bodies where arms hang
 
 
 def test_gradients_are_those_of_the_distances(tmp_path, rooms):

@@ -304,6 +304,7 @@ def test_rows_before_and_after_the_clip_have_its_first_and_last_pose(tmp_path, r
     assert ((made.mode == BEYOND) == np.r_[[True] * 30, [False] * 60, [True] * 60]).all()
     assert "start" not in made.mode and side(tmp_path)["clip_time_offset_s"] == 1.0
     ours = made.q[:, : len(OURS)]
+    # One second to come to rest: its file lets two waist joints brake at 5 and 9 rad/s^2 only.
     still = [not np.ptp(ours[part], axis=0).any() for part in (slice(0, 15), slice(120, 150))]
     assert still == [True, True] and np.ptp(ours[30:90], axis=0).max() > 0.1
     with np.load(path) as it:

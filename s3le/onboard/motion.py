@@ -25,7 +25,6 @@ _WISHED = 0.009  # [m] the same in named poses
 OUT = 1  # of the named poses the one whose overlaps bodies may keep: arms held out
 _AIMED = 0.001  # [m] beyond the margin that capsules are to keep in a named pose
 TOUCH = 0.005  # [m], drawings nearer than this at a named pose touch
-GROWN = 1.1  # by which a robot file grows bodies before it asks whether they overlap at the anchor
 _TOUCH = 0.01  # [m] pieces as near in all named poses are built to each other
 _DEEP = 0.02  # [m] of room that counts as one
 _LEAN = np.radians(15.0)  # [rad] spread of trunk joints
@@ -238,9 +237,10 @@ class Room:
         near = self.near[pair]
         if near.tied or not (near.far[near.rows == OUT] > TOUCH).any():
             return False
+        grow = self.robot.pair_inflation
         one, two = (
             replace(self.pieces[k], capsules=[
-                c._replace(radius=GROWN * c.radius) for c in self.pieces[k].capsules
+                c._replace(radius=grow * c.radius) for c in self.pieces[k].capsules
             ]) for k in pair
         )  # fmt: skip
         return bool(self.apart(one, two, np.array([OUT]))[0] <= 0.0)
